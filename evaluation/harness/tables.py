@@ -53,6 +53,12 @@ def of(part: float, whole: float) -> str:
     return f"{part:.0f}/{whole:.0f}" if whole else ""
 
 
+def coverage(rows: pd.DataFrame, name: str = "coverage") -> str:
+    """The mean share of a drive's scans that the errors beside it are over; `-` where the rows do not hold it."""
+    known = rows.reindex(columns=[name])[name].dropna()
+    return f"{100 * known.mean():.1f} %" if len(known) else "-"
+
+
 def rare(count: int, whole: int) -> str:
     """How often something rare was seen, with the exact 97.5 % upper bound of its share."""
     return f"{count} of {whole}" + (f" (≤ {100 * upper_bound(count, whole):.1f} %)" if whole else "")

@@ -84,6 +84,15 @@ def matched(estimate: Trajectory, truth: Trajectory) -> Matched:
     return Matched(estimate.poses[ours], truth.poses[true], estimate.stamps_ns[ours], ours)
 
 
+def origin_alignment(estimate: Trajectory, truth: Trajectory) -> Array:
+    """(4, 4) the pose of the estimate's frame in the truth's by which the first poses of the same instant coincide.
+
+    Raises UserError where no pose matches.
+    """
+    both = matched(estimate, truth)
+    return np.asarray(both.truth[0] @ inverse(both.estimate[0]))
+
+
 def ape(estimate: Trajectory, truth: Trajectory, alignment: Literal["se3", "origin"]) -> Ape:
     """The absolute pose error (Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012).
 
@@ -94,7 +103,7 @@ def ape(estimate: Trajectory, truth: Trajectory, alignment: Literal["se3", "orig
     if alignment == "se3":
         T_truth_estimate = align_se3(both.estimate[:, :3, 3], both.truth[:, :3, 3])
     else:
-        T_truth_estimate = both.truth[0] @ inverse(both.estimate[0])
+        T_truth_estimate = origin_alignment(estimate, truth)
     translation = np.linalg.norm((T_truth_estimate @ both.estimate)[:, :3, 3] - both.truth[:, :3, 3], axis=1)
     return Ape(T_truth_estimate, translation, Statistics.of(translation))
 

@@ -10,6 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
+from data.scans import ScanFolder
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
 from evaluation.drives import Sequence
@@ -19,10 +20,9 @@ from evaluation.metrics.maps import room_scores, wall_scores
 from evaluation.metrics.matches import matching_scores
 from evaluation.metrics.regions import Inside, inside
 from evaluation.metrics.statistics import Statistics
-from evaluation.metrics.trajectories import drift, error_in_bim, matched, rpe
+from evaluation.metrics.trajectories import drift, error_in_bim, matched, origin_alignment, rpe
 from evaluation.metrics.true_matches import true_matches
 from matching import MatchResult
-from sgslam.geometry.frames import inverse
 from sgslam.session import Result
 
 _log = logging.getLogger(__name__)
@@ -32,7 +32,8 @@ Curve = Annotated[tuple[float, ...], "cost"]  # not compared between runs: the R
 
 
 class Scores(Record):
-    """Errors are in the BIM frame without alignment, over all scans; None if there is nothing to measure.
+    """Errors are in the BIM frame without alignment, over `matched_poses` of the drive's scans (`poses`); None if there
+    is nothing to measure.
 
     Walls and rooms compare the S-graph with the storey's A-graph under the true motion; their recall is over the rooms
     that were entered. Matches are those of the final answer. `inside` says how often the 95 % regions hold the errors.
@@ -90,10 +91,14 @@ def scores_of(
 
     `reading` is how many of the `seconds` went into reading the scans.
     """
-    own, truth = {} if result is None else _of_run(result, sequence), sequence.truth
+    own, truth, scans = (
+        {} if result is None else _of_run(result, sequence),
+        sequence.truth,
+        ScanFolder(sequence.scan_dir),
+    )
     steps = np.diff(truth.positions, axis=0)
     return Scores(
-        **{"anchored": False, "poses": len(truth), **own, **_of_trajectory(estimate, truth)},
+        **{"anchored": False, "poses": len(scans), **own, **_of_trajectory(estimate, truth)},
         driven_m=float(np.linalg.norm(steps, axis=1).sum()), seconds=seconds, seconds_reading=reading,
         peak_memory_mb=_peak_memory_mb(), weakening="" if sequence.weak is None else sequence.weak.describe(),
     )  # fmt: skip
@@ -108,7 +113,7 @@ def _of_trajectory(estimate: Trajectory | None, truth: Trajectory) -> dict[str, 
         **_of_motion(estimate, truth), "rmse_m": error.position.rmse, "max_m": error.position.max,
         "horizontal_rmse_m": error.horizontal.rmse, "height_rmse_m": error.height.rmse,
         "yaw_rmse_deg": float(np.degrees(error.yaw.rmse)), "matched_poses": error.matched_poses,
-        "poses": len(estimate), "times_s": times, "errors_m": errors,
+        "times_s": times, "errors_m": errors,
     }  # fmt: skip
 
 
@@ -137,19 +142,19 @@ def _error_over_time(estimate: Trajectory, truth: Trajectory) -> tuple[list[floa
     both = matched(estimate, truth)
     kept = np.unique(np.linspace(0, len(both.stamps_ns) - 1, CURVE).round().astype(int))
     error = np.linalg.norm(both.estimate[kept, :3, 3] - both.truth[kept, :3, 3], axis=1)
-    seconds = (both.stamps_ns[kept] - estimate.stamps_ns[0]) / 1e9
+    seconds = (both.stamps_ns[kept] - truth.stamps_ns[0]) / 1e9
     return seconds.round(3).tolist(), error.round(4).tolist()
 
 
 def _of_run(result: Result, sequence: Sequence) -> dict[str, Any]:
-    T_bim_map = sequence.truth.poses[0] @ inverse(result.trajectory_map.poses[0])
+    T_bim_map = origin_alignment(result.trajectory_map, sequence.truth)
     floor = sequence.a_graph.on_floor(storey_of(sequence.a_graph, T_bim_map))
     entered = _entered(floor, sequence.truth)
     seen = {w.id for w in floor.wall_surfaces if w.room in entered}
     walls = wall_scores(result.s_graph, floor, T_bim_map, seen or None)
     rooms = room_scores(result.s_graph, floor, T_bim_map, entered or None)
     return {
-        "anchored": result.anchored, "poses": len(result.trajectory), "first_anchor_s": result.first_anchor_s,
+        "anchored": result.anchored, "first_anchor_s": result.first_anchor_s,
         "reason": result.reason, **{f"seconds_{stage}": spent for stage, spent in result.seconds.items()},
         "wall_precision": walls.score.precision, "wall_recall": walls.score.recall,
         "wall_offset_mm": _median(walls.offset_mm), "wall_angle_deg": _median(walls.angle_deg),

@@ -91,9 +91,10 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
     anchored = often(len(own) - missed, len(own))
     relative = ratio(both.rmse_m, both.rmse_m_peer, both["sequence.bim"].tolist())
     cases, compared = (f"{len(drives)} drives, {drives['sequence.bim'].nunique()} buildings" for drives in (own, both))
+    covered = f"{cases}, {_covered(own)} scans"
     return [
         Claim("On a level robot, from an unknown start: drives anchored", anchored, cases),
-        Claim("On a level robot: RMSE in building coordinates (mm)", interval(rmse, ".1f", 1000), cases),
+        Claim("On a level robot: RMSE in building coordinates (mm)", interval(rmse, ".1f", 1000), covered),
         Claim("The same, relative to ICP of each scan to the plan, from the true start", interval(relative), compared),
     ]
 
@@ -110,17 +111,24 @@ def _readme(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _error(own: pd.DataFrame) -> str:
-    """The mean RMSE, and how many are anchored if not all of them are."""
-    known = own.rmse_m.dropna().astype(float)
+    """The mean RMSE; the scans that it is over, and how many runs are anchored, if not all of them are."""
+    known, there = own.rmse_m.dropna().astype(float), own[own.rmse_m.notna()]
     error = f"{known.mean():.3f} m" if len(known) else ""
+    if there.matched_poses.sum() < there.poses.sum():
+        error += f" over {_covered(own)} scans"
     return error if len(known) == len(own) else f"{error} ({len(known)} of {len(own)} anchored)".strip()
+
+
+def _covered(own: pd.DataFrame) -> str:
+    """How many of the scans the errors are over, in the runs that have an error."""
+    there = own[own.rmse_m.notna()]
+    return of(there.matched_poses.sum(), there.poses.sum())
 
 
 def _means(rows: pd.DataFrame, columns: Mapping[str, str]) -> pd.DataFrame:
     def cells(own: pd.DataFrame) -> dict[str, str]:
         anchored = "" if own.variant.iloc[0] in WITHOUT_ANCHORS else of(own.anchored.sum(), len(own))
-        matched = of(own.matched_poses.sum(), own.poses.sum())
-        counts = {"runs": str(len(own)), "anchored": anchored, "poses matched": matched}
+        counts = {"runs": str(len(own)), "anchored": anchored, "coverage": _covered(own)}
         return counts | {heading: _mean(own[column]) for column, heading in columns.items()}
 
     return grouped(rows, KEY, cells).rename(columns={"sequence.name": "sequence"})

@@ -15,6 +15,7 @@ from evaluation.drives.runs import run_through
 from evaluation.drives.sequences import storey_of
 from evaluation.drives.stand_in_matchers import OracleMatcher, WrongMatches
 from evaluation.drives.weakened import within_range
+from evaluation.metrics.trajectories import origin_alignment
 from evaluation.slam_ablation.icp_to_bim import ALIGNERS, register_to_bim, surfaces_of
 from evaluation.slam_ablation.peers import kiss_icp_alone, small_gicp_alone
 from evaluation.slam_ablation.scores import Scores, scores_of
@@ -22,7 +23,6 @@ from matching import Matcher
 from matching.self_test import make_ready
 from sgslam.anchoring.floor_anchoring import AnyMatcher
 from sgslam.config import AnchorSettings, Config, MatchingSettings
-from sgslam.geometry.frames import inverse
 from sgslam.odometry.external import ExternalOdometry
 from sgslam.slam import SceneGraphSlam
 
@@ -84,7 +84,7 @@ def _registration(variant: str, sequence: Sequence, scans: _Scans) -> Scores:
     surfaces = surfaces_of(sequence) if variant in ALIGNERS else None
     began = perf_counter()
     if surfaces is None:
-        estimate = _from_first(PEERS[variant](scans), first)
+        estimate = _from_first(PEERS[variant](scans), sequence.truth)
     else:
         estimate = register_to_bim(scans, surfaces, first, ALIGNERS[variant])
     return scores_of(sequence, estimate, None, perf_counter() - began, scans.seconds)
@@ -93,7 +93,7 @@ def _registration(variant: str, sequence: Sequence, scans: _Scans) -> Scores:
 def _mapping(variant: str, sequence: Sequence, scans: _Scans) -> Scores:
     method = variant.partition(":")[2] or Config().matching.method
     anchors = AnchorSettings(planes=variant != "rooms", rooms=variant != "planes")
-    config, first = Config(anchors=anchors, matching=MatchingSettings(method=method)), sequence.truth.poses[0]
+    config = Config(anchors=anchors, matching=MatchingSettings(method=method))
     plan, matcher = (None, None) if variant == "graph" else (sequence.a_graph, _matcher(variant, sequence, method))
     slam = SceneGraphSlam(plan, matcher, config)
     odometry = None if sequence.weak is None else ExternalOdometry(sequence.weak.trajectory)
@@ -102,7 +102,7 @@ def _mapping(variant: str, sequence: Sequence, scans: _Scans) -> Scores:
     seconds = perf_counter() - began
     estimate = result.trajectory if result.anchored else None
     if variant == "graph":
-        estimate = _from_first(result.trajectory_map, first)
+        estimate = _from_first(result.trajectory_map, sequence.truth)
     return scores_of(sequence, estimate, result, seconds, scans.seconds)
 
 
@@ -115,5 +115,5 @@ def _matcher(variant: str, sequence: Sequence, method: str) -> AnyMatcher:
     return WrongMatches(matcher, wrong, sequence.seed) if wrong else matcher
 
 
-def _from_first(own: Trajectory, T_bim_first: Array) -> Trajectory:
-    return own.transformed(T_bim_first @ inverse(own.poses[0]))
+def _from_first(own: Trajectory, truth: Trajectory) -> Trajectory:
+    return own.transformed(origin_alignment(own, truth))

@@ -17,7 +17,7 @@ from evaluation.drives.conditions import Conditions, Share
 from evaluation.drives.runs import run_through
 from evaluation.drives.sequences import DriveCase, DriveOptions, Sequence, SequenceSpec, prepare, storey_of
 from evaluation.harness import Claim, Record, Study
-from evaluation.harness.tables import grouped, of, often
+from evaluation.harness.tables import coverage, grouped, of, often
 from evaluation.metrics.as_built_scores import KINDS, DeviationScore, deviation_scores
 from evaluation.metrics.trajectories import error_in_bim
 from evaluation.metrics.true_walls import TrueWall, true_walls
@@ -45,12 +45,14 @@ class Changed(DriveCase):
 
 
 class Deviations(Record):
-    """The scores of a run's reports by kind, and its RMSE (m) in the BIM frame; None if it is not anchored."""
+    """The scores of a run's reports by kind, and its RMSE (m) in the BIM frame with the share of the scans that it is
+    over; None if it is not anchored."""
 
     rmse_m: float | None
     moved: DeviationScore
     absent: DeviationScore
     extra: DeviationScore
+    coverage: float | None = None
 
 
 def cases(options: Choice) -> list[Changed]:
@@ -76,8 +78,10 @@ def measure(case: Changed, work: Path) -> Deviations:
     result = run_through(slam, ScanFolder(sequence.scan_dir), again=ScanFolder(sequence.scan_dir))
     walls = walls_of(case.sequence, sequence)
     scores = deviation_scores(result.deviations, result.s_graph, sequence.a_graph, result.T_bim_map, walls)
-    rmse = error_in_bim(result.trajectory, sequence.truth).position.rmse if result.anchored else None
-    return Deviations(rmse_m=rmse, **scores)
+    if not result.anchored:
+        return Deviations(rmse_m=None, **scores)
+    error = error_in_bim(result.trajectory, sequence.truth)
+    return Deviations(rmse_m=error.position.rmse, coverage=error.matched_poses / len(sequence.truth), **scores)
 
 
 def walls_of(spec: SequenceSpec, sequence: Sequence) -> list[TrueWall]:
@@ -104,6 +108,7 @@ def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
             "offset error, median": f"{1000 * offsets.median():.1f} mm" if len(offsets) else "",
             "within 3 cm": of((offsets <= WITHIN_M).sum(), len(offsets)),
             "RMSE (m)": f"{own.rmse_m.mean():.4f}" if own.rmse_m.notna().any() else "not anchored",
+            "coverage": coverage(own),
         }  # fmt: skip
 
     shares = zip(rows["conditions.moved_walls"], rows["conditions.absent_walls"], strict=True)

@@ -63,8 +63,8 @@ class Played(Record):
     many took longer than `LATE_S`. At most `most_waiting` scans waited for the map. `dropped` scans have no pose in the
     end.
 
-    RMSE (m) in the BIM frame of the answers with a place in the building, and of the trajectory in the end; None
-    without an anchor. `offline_m` is the largest distance between a pose of the trajectory and that of a run."""
+    RMSE (m) in the BIM frame of the answers with a place in the building (`placed`), and of the trajectory in the end;
+    None without an anchor. `offline_m` is the largest distance between a pose of the trajectory and that of a run."""
 
     scans: int
     points: float
@@ -79,6 +79,7 @@ class Played(Record):
     final_m: float | None
     offline_m: float | None
     memory: Annotated[tuple[Memory, ...], "cost"]
+    placed: Annotated[int | None, "cost"] = None
 
 
 def cases(options: Choice) -> list[LiveCase]:
@@ -103,11 +104,13 @@ def measure(case: LiveCase, work: Path) -> Played:
         final = Trajectory.read_tum(Path(out) / "trajectory.tum")
         anchored = bool(json.loads((Path(out) / "metrics.json").read_text())["anchored"])
         offline_m = _farthest_from_run(final, drive, bim) if case.offline else None
+        placed = _placed(answers)
         return Played(
             scans=drive.count, points=points, p50_ms=1000 * float(np.median(late_s)),
             p99_ms=1000 * float(np.percentile(late_s, 99)), longest_ms=1000 * float(late_s.max()),
             late=int((late_s > LATE_S).sum()), most_waiting=max(answer.waiting for answer in answers),
-            dropped=drive.count - len(final), finish_s=finish_s, answers_m=_rmse(_placed(answers), drive),
+            dropped=drive.count - len(final), finish_s=finish_s, answers_m=_rmse(placed, drive),
+            placed=0 if placed is None else len(placed),
             final_m=_rmse(final, drive) if anchored else None, offline_m=offline_m, memory=memory,
         )  # fmt: skip
 
@@ -145,17 +148,19 @@ def _rmse(found: Trajectory | None, drive: CarriedDrive) -> float | None:
 
 
 def _farthest_from_run(final: Trajectory, drive: CarriedDrive, bim: Path) -> float:
-    """The largest distance (m) between a pose and that of a run on the same scans."""
+    """The largest distance (m) between a pose and that of a run on the same scans, at the scans that both place."""
     from data.plans import load_bim
     from sgslam.slam import SceneGraphSlam
 
     whole = run_through(SceneGraphSlam(load_bim(bim)), drive.scans()).trajectory
-    return float(np.linalg.norm(whole.positions - final.positions, axis=1).max())
+    return error_in_bim(final, whole).position.max
 
 
 def tables(rows: "pd.DataFrame") -> Mapping[str, "pd.DataFrame"]:
     """A line for each drive, and the memory along it."""
     import pandas as pd
+
+    from evaluation.harness.tables import of
 
     drive = ["building", "carrier", "sensor", "seconds"]
     rows = rows.rename(columns={"sequence.name": "building"}).assign(seconds=rows.seconds.map("{:g}".format))
@@ -163,6 +168,9 @@ def tables(rows: "pd.DataFrame") -> Mapping[str, "pd.DataFrame"]:
     for name in ("points", "p50_ms", "p99_ms", "longest_ms", "late", "most_waiting"):
         answers[name] = rows[name].map("{:.0f}".format)
     poses = rows[[*drive, "answers_m", "final_m", "offline_m"]].assign(finish_s=rows.finish_s.map("{:.0f}".format))
+    placed = rows.reindex(columns=["placed"]).placed
+    poses.insert(5, "placed", [of(n, scans) if n >= 0 else "-" for n, scans in zip(placed, rows.scans, strict=True)])
+    poses.insert(7, "kept", [of(scans - n, scans) for n, scans in zip(rows.dropped, rows.scans, strict=True)])
     memory = pd.DataFrame([
         {**{name: row[name] for name in drive}, **_memory_along(row.memory)} for _, row in rows.iterrows()
     ])  # fmt: skip
@@ -184,7 +192,8 @@ ANSWERS = {
     "late": "later than 100 ms", "most_waiting": "scans that waited at most",
 }  # fmt: skip
 POSES = {
-    "answers_m": "answers: RMSE (m)", "final_m": "in the end: RMSE (m)", "offline_m": "farthest from a run (m)",
+    "answers_m": "answers: RMSE (m)", "placed": "answers: coverage", "final_m": "in the end: RMSE (m)",
+    "kept": "in the end: coverage", "offline_m": "farthest from a run (m)",
     "finish_s": "to finish (s)",
 }  # fmt: skip
 PARTS = 6  # of a drive

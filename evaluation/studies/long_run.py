@@ -76,7 +76,8 @@ class Sample(Record):
 
 
 class Whole(Record):
-    """The whole run: its RMSE (m) in the BIM frame, None if it is not anchored, and what it took. There is a sample
+    """The whole run: its RMSE (m) in the BIM frame and the share of the scans that it is over, None if it is not
+    anchored, and what it took. There is a sample
     for each part of the drive."""
 
     keyframes: int
@@ -88,6 +89,7 @@ class Whole(Record):
     peak_memory_mb: Cost
     report_mb: Cost
     samples: Annotated[tuple[Sample, ...], "cost"]
+    coverage: float | None = None
 
 
 def cases(options: Choice) -> list[LongDrive]:
@@ -130,9 +132,11 @@ def _run(bim: Path, parts: Iterable[Path], truth: Trajectory, folder: Path) -> W
     result.save(folder)
     finishing, writing = np.diff([*times, _clock()], axis=0)
     seconds, cpu_seconds = spent + finishing + writing
+    error = error_in_bim(result.trajectory, truth) if result.anchored else None
     return Whole(
         keyframes=result.keyframes,
-        rmse_m=error_in_bim(result.trajectory, truth).position.rmse if result.anchored else None,
+        rmse_m=None if error is None else error.position.rmse,
+        coverage=None if error is None else error.matched_poses / count,
         seconds=seconds, cpu_seconds=cpu_seconds, finish_seconds=finishing[0], writing_seconds=writing[0],
         peak_memory_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
         report_mb=(folder / "report.html").stat().st_size / 1e6, samples=tuple(samples),
@@ -148,7 +152,10 @@ def tables(rows: "pd.DataFrame") -> Mapping[str, Any]:
     """A line for each run; a line for each tenth of a run, with the times of that tenth."""
     import pandas as pd
 
-    runs = rows.assign(drive=_names(rows), speed=rows.scans / rows.seconds, rmse_mm=1000 * rows.rmse_m)
+    from evaluation.harness.tables import coverage
+
+    covered = [coverage(rows.loc[[at]]) for at in rows.index]
+    runs = rows.assign(drive=_names(rows), speed=rows.scans / rows.seconds, rmse_mm=1000 * rows.rmse_m, covered=covered)
     tenths = [_parts(run.samples, ROWS).assign(drive=run.drive) for run in runs.itertuples()]
     return {"runs": _text(runs, RUN).replace("nan", "not anchored"), "tenths": _text(pd.concat(tenths), TENTH)}
 
@@ -158,7 +165,7 @@ RUN = {
     "speed": ("scans a second", ".0f"), "cpu_seconds": ("processor (s)", ".0f"),
     "finish_seconds": ("to finish (s)", ".1f"), "writing_seconds": ("to write (s)", ".1f"),
     "peak_memory_mb": ("memory at most (MB)", ".0f"), "report_mb": ("report (MB)", ".1f"),
-    "rmse_mm": ("RMSE (mm)", ".1f"),
+    "rmse_mm": ("RMSE (mm)", ".1f"), "covered": ("coverage", ""),
 }  # fmt: skip
 TENTH = {
     "drive": ("drive", ""), "scans": ("scans", ""), "keyframes": ("keyframes", ""), "speed": ("scans a second", ".0f"),

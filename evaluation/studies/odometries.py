@@ -19,7 +19,7 @@ from evaluation.drives.conditions import NORMAL
 from evaluation.drives.runs import run_through
 from evaluation.drives.sequences import DriveCase, DriveOptions, odometry_of_run
 from evaluation.harness import Claim, Cost, Record, Study
-from evaluation.harness.tables import each, grouped, interval
+from evaluation.harness.tables import coverage, each, grouped, interval
 from evaluation.metrics.bootstrap import ratio
 from evaluation.metrics.consistency import nees
 from evaluation.metrics.trajectories import ape, error_in_bim, rpe
@@ -53,7 +53,8 @@ class Run(DriveCase):
 
 class Errors(Record):
     """`alone_*` are the odometry's relative error over a metre and its absolute error after SE(3) alignment (m);
-    `rmse_m` and `max_m` those of the run in the BIM frame. `cpu_*` are CPU seconds, reading the scans included;
+    `rmse_m` and `max_m` those of the run in the BIM frame, over the share `coverage` of the scans.
+    `cpu_*` are CPU seconds, reading the scans included;
     `cpu_kiss` are those of KISS-ICP's own pipeline on the same drive."""
 
     alone_rpe_m: float
@@ -65,6 +66,7 @@ class Errors(Record):
     cpu_alone: Cost
     cpu_run: Cost
     cpu_kiss: Cost
+    coverage: float | None = None
 
 
 def cases(options: Choice) -> list[Run]:
@@ -82,13 +84,14 @@ def measure(case: Run, work: Path) -> Errors:
     make_ready(Matcher.load(), Config().matching.method)
     _run(case.odometry, sequence, list(islice(scans, WARM_UP)))
     alone, result, cpu_alone, cpu_run = _run(case.odometry, sequence, scans)
-    error = error_in_bim(result.trajectory, sequence.truth).position if result.anchored else None
+    error = error_in_bim(result.trajectory, sequence.truth) if result.anchored else None
     known = result.pose_covariances
     return Errors(
         alone_rpe_m=rpe(alone, sequence.truth, RPE_M).translation.rmse,
         alone_ape_m=ape(alone, sequence.truth, "se3").translation.rmse,
-        anchored=result.anchored, rmse_m=None if error is None else error.rmse,
-        max_m=None if error is None else error.max,
+        anchored=result.anchored, rmse_m=None if error is None else error.position.rmse,
+        max_m=None if error is None else error.position.max,
+        coverage=None if error is None else error.matched_poses / len(scans),
         nees_per_dof=None if known is None else nees(known.trajectory, sequence.truth, known.covariances),
         cpu_alone=cpu_alone, cpu_run=cpu_run, cpu_kiss=cpu_seconds_of_kiss_icp(sequence.scan_dir),
     )  # fmt: skip
@@ -115,6 +118,7 @@ def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
             "drives": str(len(own)), "alone: RPE over 1 m (m)": f"{own.alone_rpe_m.mean():.3f}",
             "alone: APE (m)": f"{own.alone_ape_m.mean():.3f}", "anchored": str(own.anchored.sum()),
             "wrong": str((own.rmse_m > WRONG_M).sum()), "RMSE in the BIM frame (m)": each(own.rmse_m, ".4f"),
+            "coverage": coverage(own),
             "largest error (m)": each(own.max_m), "NEES per dof": each(own.nees_per_dof, ".2f"),
             "alone, times KISS-ICP": "" if external else f"{(own.cpu_alone / own.cpu_kiss).median():.2f}",
             "whole run, times KISS-ICP": f"{(own.cpu_run / own.cpu_kiss).median():.2f}",

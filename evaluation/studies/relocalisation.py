@@ -19,7 +19,7 @@ from data.trajectory import Trajectory
 from evaluation.drives.second_run import RunMonitor, first_run
 from evaluation.drives.sequences import DriveOptions, SequenceSpec, prepare, read_specs, select_sequences, storey_of
 from evaluation.harness import Case, Claim, Record, Study
-from evaluation.harness.tables import grouped, of, often, rare, spread
+from evaluation.harness.tables import coverage, grouped, of, often, rare, spread
 from evaluation.metrics.rooms_seen import RoomsNeeded, rooms_entered, rooms_needed, rooms_seen
 from evaluation.metrics.trajectories import ape, error_in_bim
 from matching import Matcher
@@ -64,7 +64,7 @@ class Relocalisation(Record):
     `needed_sure`: how many rooms the matching benchmark needs from the start room on (see `RoomsNeeded`). `common`: how
     many of the rooms entered by the end were also entered by the first run. `wrong`: the share of scans with a wrong
     pose. `rmse_after_m` is over the final poses after relocalisation; `rmse_first_*_m` are the first run's, before and
-    after the merge.
+    after the merge; `coverage` and `coverage_first` are the shares of the scans then that the RMSEs after are over.
     """
 
     found: bool
@@ -84,6 +84,8 @@ class Relocalisation(Record):
     rmse_first_after_m: float | None
     rooms_first: int
     rooms_both: int
+    coverage: float | None = None
+    coverage_first: float | None = None
 
 
 def cases(options: Choice) -> list[SecondRun]:
@@ -131,18 +133,23 @@ def measure(case: SecondRun, work: Path) -> Relocalisation:
         metres=seen.metres if found else None,
         seconds_driven=(seen.stamp_ns - monitor.began_ns) / 1e9 if found else None, driven=monitor.driven,
         wrong=monitor.wrong / max(monitor.scans, 1),
-        rmse_after_m=_rmse(result.trajectory, second.truth, T, seen.stamp_ns) if found else None,
-        rmse_m=_rmse(result.trajectory, second.truth, T) if found else None,
-        rmse_first_before_m=_rmse(before, first.truth, np.eye(4) if anchored else T_bim_known),
-        rmse_first_after_m=_rmse(result.earlier[0], first.truth, T) if found else None,
+        rmse_after_m=_error(result.trajectory, second.truth, T, seen.stamp_ns)[0] if found else None,
+        coverage=_error(result.trajectory, second.truth, T, seen.stamp_ns)[1] if found else None,
+        rmse_m=_error(result.trajectory, second.truth, T)[0] if found else None,
+        rmse_first_before_m=_error(before, first.truth, np.eye(4) if anchored else T_bim_known)[0],
+        rmse_first_after_m=_error(result.earlier[0], first.truth, T)[0] if found else None,
+        coverage_first=_error(result.earlier[0], first.truth, T)[1] if found else None,
         rooms_first=len(first_graph.rooms), rooms_both=len(result.s_graph.rooms),
     )  # fmt: skip
 
 
-def _rmse(run: Trajectory, truth: Trajectory, T_bim_run: NDArray[np.float64], since_ns: int = 0) -> float:
-    """RMSE (m) of a run's positions, taken to the BIM frame by `T_bim_run`, from the stamp `since_ns` on."""
-    own = run.stamps_ns >= since_ns
-    return error_in_bim(Trajectory(run.stamps_ns[own], T_bim_run @ run.poses[own]), truth).position.rmse
+def _error(
+    run: Trajectory, truth: Trajectory, T_bim_run: NDArray[np.float64], since_ns: int = 0
+) -> tuple[float, float]:
+    """RMSE (m) of a run's positions, taken to the BIM frame by `T_bim_run`, from the stamp `since_ns` on, and the share
+    of the scans since then that it is over."""
+    error = error_in_bim(run.only(run.stamps_ns >= since_ns).transformed(T_bim_run), truth)
+    return error.position.rmse, error.matched_poses / int((truth.stamps_ns >= since_ns).sum())
 
 
 def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
@@ -161,9 +168,9 @@ def _summary(own: pd.DataFrame) -> dict[str, str]:
         "no more than needed by most maps": _within(found, "needed"),
         "no more than by 95 %": _within(found, "needed_sure"),
         "metres until found": spread(found.metres), "RMSE after (m), mean": _metres(found.rmse_after_m.mean()),
-        "worst": _metres(found.rmse_after_m.max()),
+        "worst": _metres(found.rmse_after_m.max()), "coverage": coverage(found),
         "RMSE of the first run, before": _metres(found.rmse_first_before_m.mean()),
-        "after": _metres(found.rmse_first_after_m.mean()),
+        "after": _metres(found.rmse_first_after_m.mean()), "coverage of the first": coverage(found, "coverage_first"),
     }  # fmt: skip
 
 
@@ -189,6 +196,7 @@ def _runs(rows: pd.DataFrame) -> pd.DataFrame:
         "entered or mostly seen": number(rows.seen), "metres": number(rows.metres),
         "placed wrongly": (100 * rows.wrong).map("{:.0f} %".format),
         "RMSE after (m)": rows.rmse_after_m.map(lambda value: _metres(value, "not found")),
+        "coverage": [coverage(rows.loc[[at]]) for at in rows.index],
     })  # fmt: skip
 
 

@@ -12,11 +12,12 @@ from pydantic import PositiveInt
 from evaluation.drives.conditions import NORMAL, Conditions
 from evaluation.drives.sequences import DriveOptions
 from evaluation.harness import Study
+from evaluation.harness.tables import of
 from evaluation.slam_ablation.scores import Scores
 from evaluation.slam_ablation.study import Run, measure
 
 WRONG = "conditions.wrong_matches"
-MEASURED = ["rmse_m", "first_anchor_s"]
+MEASURED = ["rmse_m", "first_anchor_s", "matched_poses", "poses"]
 
 
 class Choice(DriveOptions):
@@ -57,6 +58,8 @@ def _line(name: str, rooms: int, seed: object, own: pd.DataFrame) -> dict[str, s
         "drive": name, "wrong rooms": str(rooms), "seed": str(seed),
         "clean (m)": _cell(mean.rmse_m_clean, ".4f", "not anchored"),
         "corrupted (m)": _cell(mean.rmse_m, ".4f", "not anchored"),
+        "coverage, clean": of(own.matched_poses_clean.sum(), own.poses_clean.sum()),
+        "coverage, corrupted": of(own.matched_poses.sum(), own.poses.sum()),
         "ratio": _cell(mean.rmse_m / mean.rmse_m_clean, ".2f"),
         "first anchor, clean (s)": _cell(mean.first_anchor_s_clean, ".0f"),
         "first anchor, corrupted (s)": _cell(mean.first_anchor_s, ".0f"),

@@ -142,20 +142,22 @@ def test_tables_give_mean_and_deviation_over_the_seeds() -> None:
     own: list[float | None] = [0.01, 0.02, 0.03]
     found = STUDY.tables(rows_with({"graph": [0.1, 0.1, 0.1], "anchored": own, "oracle": [0.01, 0.01, 0.01]}))
     line = found["accuracy"].set_index("variant").loc["anchored"]
-    assert (line["runs"], line["anchored"], line["poses matched"]) == ("3", "3/3", "27/30")
+    assert (line["runs"], line["anchored"], line["coverage"]) == ("3", "3/3", "27/30")
     assert line["RMSE (m)"] == "0.02 ± 0.01" and line["drift reduction (%)"] == "80 ± 10"
     assert found["cost"].seconds[0] == "150 ± 0" and found["lengths"] == "50 to 50"
     assert found["oracle"].to_numpy().tolist() == [["demo", "normal", "anchored", "0.0200", "0.0100", "+100 %"]]
-    assert list(found["readme"].iloc[0]) == ["demo building, ground floor", "0.100 m", "0.020 m", "0.010 m"]
+    assert list(found["readme"].iloc[0]) == [
+        "demo building, ground floor", *(f"{error} m over 27/30 scans" for error in ("0.100", "0.020", "0.010")),
+    ]  # fmt: skip
 
 
 def test_runs_that_are_not_anchored_are_told() -> None:
     rows = rows_with({"icp-to-bim": [0.2, 0.2, 0.4], "anchored": [0.01, None, 0.03], "anchored:voting": [None] * 3})
     readme = STUDY.tables(rows)["readme"].iloc[0]
-    assert readme["**ours, anchored**"] == "0.020 m (2 of 3 anchored)"
+    assert readme["**ours, anchored**"] == "0.020 m over 18/20 scans (2 of 3 anchored)"
     assert readme["ours, matched by voting"] == "(0 of 3 anchored)"
     anchored, rmse, relative = STUDY.claims(rows)
-    assert rmse.value.startswith("20.0 [") and rmse.cases == "3 drives, 1 buildings"
+    assert rmse.value.startswith("20.0 [") and rmse.cases == "3 drives, 1 buildings, 18/20 scans"
     assert anchored.value == "2 of 3 (≥ 9 %)"  # Clopper and Pearson
     assert relative.value.startswith("0.067 [") and relative.cases == "2 drives, 1 buildings"
 

@@ -43,7 +43,7 @@ def test_corrupted_runs_stand_beside_clean_ones() -> None:
     rows = rows_of(
         (
             Run(sequence=SequenceSpec(name=name, bim="demo"), seed=seed, conditions=conditions, variant="anchored"),
-            scores(rmse_m=error, first_anchor_s=first),
+            scores(rmse_m=error, first_anchor_s=first, matched_poses=0 if error is None else 540),
         )
         for name, seed, *values in found
         for conditions, error, first in zip(
@@ -51,10 +51,10 @@ def test_corrupted_runs_stand_beside_clean_ones() -> None:
         )
     )
     assert wrong_matches.tables(rows)["drives"].to_numpy().tolist() == [
-        ["a", "5", "0", "0.0100", "0.0090", "0.90", "20", "20"],
-        ["a", "5", "1", "0.0200", "0.0240", "1.20", "30", "50"],
-        ["**a**", "5", "all", "0.0150", "0.0165", "1.10", "25", "35"],
-        ["b", "5", "0", "0.0100", "not anchored", "", "20", ""],
+        ["a", "5", "0", "0.0100", "0.0090", "540/600", "540/600", "0.90", "20", "20"],
+        ["a", "5", "1", "0.0200", "0.0240", "540/600", "540/600", "1.20", "30", "50"],
+        ["**a**", "5", "all", "0.0150", "0.0165", "1080/1200", "1080/1200", "1.10", "25", "35"],
+        ["b", "5", "0", "0.0100", "not anchored", "540/600", "0/600", "", "20", ""],
     ]
 
 

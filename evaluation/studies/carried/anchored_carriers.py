@@ -16,7 +16,7 @@ from evaluation.drives.carried import CarriedCase, CarriedDrive, carried
 from evaluation.drives.runs import run_through
 from evaluation.drives.sequences import DriveOptions, plan_of
 from evaluation.harness import Claim, Record, Study
-from evaluation.harness.tables import grouped, of, often, rare, spread
+from evaluation.harness.tables import coverage, grouped, of, often, rare, spread
 from evaluation.metrics.regions import Inside, inside, pooled
 from evaluation.metrics.trajectories import error_in_bim, wrong_poses
 from evaluation.studies.carried.carriers import RECORDING, ate
@@ -44,8 +44,9 @@ class Choice(DriveOptions):
 
 
 class Anchored(Record):
-    """`length_m` is that of the path. Errors (m) of all scans in the BIM frame, None without an anchor: the RMSE in
-    space and in plan view, the mean magnitude in height, and the largest. `odometry_m` and `map_m` are the ATE of the
+    """`length_m` is that of the path. Errors (m) of the anchored scans in the BIM frame, None without an
+    anchor: the RMSE in space and in plan view, the mean magnitude in height, and the largest; `coverage` is the share
+    of all scans that they are over. `odometry_m` and `map_m` are the ATE of the
     odometry and of the map's trajectory after SE(3) alignment, None where it is in several parts. `wrong` scans are
     called anchored and are off by more than 0.5 m or 5 degrees; `inside` says how often the anchored poses' 95 %
     regions hold the errors."""
@@ -68,6 +69,7 @@ class Anchored(Record):
     floors: int
     rooms: int
     scans_per_s: Annotated[float, "cost"]
+    coverage: float | None = None
 
 
 def cases(options: Choice) -> list[CarriedCase]:
@@ -117,6 +119,7 @@ def run_with_plan(drive: CarriedDrive, plan: SceneGraph, samples: ImuSamples | N
         map_m=ate(result.trajectory_map, drive.truth), odometry_m=ate(result.trajectory_odometry, drive.truth),
         lost=result.tracked.get("lost", 0), kidnaps=slam.kidnaps, floors=len(result.s_graph.floors),
         rooms=len(result.s_graph.rooms), scans_per_s=drive.count / sum(stopwatch.seconds.values()),
+        coverage=None if error is None else error.matched_poses / drive.count,
     )  # fmt: skip
 
 
@@ -148,7 +151,8 @@ def _cell(own: pd.DataFrame) -> dict[str, str]:
     return {
         "anchored": of(own.anchored.sum(), len(own)),
         f"of those over {LONG_M:.0f} m with an anchored twin": of(with_twin.anchored.sum(), len(with_twin)),
-        "RMSE (m)": spread(own.rmse_m, ".3f"), "plan view (m)": spread(own.plan_view_m, ".3f"),
+        "RMSE (m)": spread(own.rmse_m, ".3f"), "coverage": coverage(own),
+        "plan view (m)": spread(own.plan_view_m, ".3f"),
         "mean error in height (m)": spread(own.height_m, ".3f"), "worst (m)": spread(own.worst_m, ".2f"),
         "scans wrong": of(own.wrong.sum(), own.scans.sum()),
         "first anchor (s)": spread(own.first_anchor_s),
@@ -169,11 +173,12 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
     """How many runs are anchored, how exactly, and how many of their scans are wrong."""
     own = rows[rows.anchored]
     cases = f"{len(rows)} drives, {rows['sequence.name'].nunique()} buildings"
+    covered = f"{cases}, coverage {coverage(own)}"
     rmse = f"{1000 * own.rmse_m.median():.1f}, {1000 * own.rmse_m.quantile(0.9):.0f}"
     what = f"Runs from an unknown start, carriers and effects in turn ({', '.join(rows.sensor.unique())})"
     return [
         Claim(f"{what}: anchored", often(len(own), len(rows)), cases),
-        Claim(f"{what}: RMSE in building coordinates (mm), of half and of 90 % of them at most", rmse, cases),
+        Claim(f"{what}: RMSE in building coordinates (mm), of half and of 90 % of them at most", rmse, covered),
         Claim(
             f"{what}: of those anchored, with a scan called anchored that is wrong by over 0.5 m or 5 degrees",
             rare(int((own.wrong > 0).sum()), len(own)), cases,

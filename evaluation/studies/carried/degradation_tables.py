@@ -9,7 +9,7 @@ import pandas as pd
 from evaluation.drives.perturbations import PERTURBATIONS, SEVERITIES, Perturbation
 from evaluation.harness import Claim
 from evaluation.harness.plots import COLOURS, new_figure, save
-from evaluation.harness.tables import grouped, of, rare
+from evaluation.harness.tables import coverage, grouped, of, rare
 from evaluation.studies.carried.carriers_tables import METHODS, TRACKED_M
 
 UNITS: dict[Perturbation, str] = {
@@ -36,6 +36,7 @@ def _with_clean(rows: pd.DataFrame) -> pd.DataFrame:
     """The rows, with the amount in words; the clean drives first, as a perturbation of their own. Lost: infinite."""
     ate = rows.reindex(columns=[f"found.{name}.ate_m" for name in METHODS]).astype(float).fillna(np.inf)
     rows = rows.assign(**dict(zip(METHODS, ate.to_numpy().T, strict=True)))
+    rows["coverage"] = (rows.anchored / rows.scans).where(rows.rmse_m.notna())
     clean = rows.severity == 0
     amounts = zip(rows.perturbation, rows.severity, strict=True)
     rows = rows.assign(amount=[f"{SEVERITIES[what][k - 1]:g} {UNITS[what]}" if k else "" for what, k in amounts])
@@ -45,14 +46,15 @@ def _with_clean(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _line(own: pd.DataFrame) -> dict[str, str]:
-    """For each sensor the median ATE of ours and, in brackets, of the others; how many drives are anchored, and their
-    median RMSE."""
+    """For each sensor the median ATE of ours and, in brackets, of the others; how many drives are anchored, their
+    median RMSE, and the share of their scans that it is over."""
     cells = {"drives": str(len(own))}
     for sensor, by in own.groupby("sensor", sort=False):
         ate = [_metres(by[name].median()) for name in METHODS]
         cells[f"{sensor}: ATE (m)"] = f"{ate[0]} ({', '.join(ate[1:])})"
         cells[f"{sensor}: anchored"] = of((by.anchored > 0).sum(), len(by))
         cells[f"{sensor}: RMSE (m)"] = "" if by.rmse_m.isna().all() else _metres(by.rmse_m.median())
+        cells[f"{sensor}: coverage"] = coverage(by)
     return cells
 
 

@@ -66,14 +66,15 @@ class Built(CarriedCase):
 
 
 class Verdicts(Record):
-    """Of a run: its RMSE (m) in the BIM frame, None without an anchor; walls, doors, windows and columns with their
-    verdicts, but of those that stand as planned only the ones that were seen; how many were `not_seen`, by how they
-    were built; and the unplanned walls, None without an anchor."""
+    """Of a run: its RMSE (m) in the BIM frame and the share of the scans that it is over, None without an anchor;
+    walls, doors, windows and columns with their verdicts, but of those that stand as planned only the ones that were
+    seen; how many were `not_seen`, by how they were built; and the unplanned walls, None without an anchor."""
 
     rmse_m: float | None
     judged: tuple[Judged, ...]
     not_seen: dict[State, int]
     unplanned: Unplanned | None
+    coverage: float | None = None
 
 
 def cases(options: Choice) -> list[Built]:
@@ -113,9 +114,10 @@ def measure(case: Built, work: Path) -> Verdicts:
         entries = map(building.judged, run_verdicts(result, drive.plan, plan))
         judged = [entry for entry in entries if entry is not None]
         extra = unplanned_walls(result.deviations, result.s_graph, result.T_bim_map, result.matches, plan)
-        entered = entered_m2(plan, drive.truth)
+        entered, error = entered_m2(plan, drive.truth), error_in_bim(result.trajectory, drive.truth)
         return Verdicts(
-            rmse_m=error_in_bim(result.trajectory, drive.truth).position.rmse,
+            rmse_m=error.position.rmse,
+            coverage=error.matched_poses / drive.count,
             judged=tuple(own for own in judged if (own.built, own.verdict) != ("as planned", "not seen")),
             not_seen=dict(Counter(own.built for own in judged if own.verdict == "not seen")),
             unplanned=unplanned_found([wall.trace for wall in extra], walls, entered),

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import pandas as pd
 
 from evaluation.harness import Claim
-from evaluation.harness.tables import grouped, of, rare, spread
+from evaluation.harness.tables import coverage, grouped, of, rare, spread
 from evaluation.metrics.as_built_scores import LEAST_VIEWS
 from evaluation.studies.carried.carriers_tables import named
 from evaluation.studies.carried.elements_truth import Judged
@@ -67,7 +67,8 @@ def _elements(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _drives(own: pd.DataFrame) -> dict[str, str]:
-    return {"anchored": of(own.rmse_m.notna().sum(), len(own)), "RMSE (mm)": spread(1000 * own.rmse_m.astype(float))}
+    rmse = spread(1000 * own.rmse_m.astype(float))
+    return {"anchored": of(own.rmse_m.notna().sum(), len(own)), "RMSE (mm)": rmse, "coverage": coverage(own)}
 
 
 def _walls(own: pd.DataFrame) -> dict[str, str]:
@@ -97,9 +98,7 @@ def _absent(own: pd.DataFrame) -> dict[str, str]:
         "called moved": of((visible.verdict == "moved").sum(), len(visible)),
         "not seen": of((visible.verdict == "not seen").sum(), len(visible)),
         "absent walls that were not seen through, called absent": of((hidden.verdict == "absent").sum(), len(hidden)),
-        "elements that stand, called absent": of(
-            (standing.verdict == "absent").sum(), len(standing) + not_seen
-        ),
+        "elements that stand, called absent": of((standing.verdict == "absent").sum(), len(standing) + not_seen),
     }
 
 

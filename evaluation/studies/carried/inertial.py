@@ -23,7 +23,7 @@ from evaluation.drives.carried import CarriedCase, CarriedDrive, carried
 from evaluation.drives.runs import tracked_by_run
 from evaluation.drives.sequences import DriveOptions, plan_of
 from evaluation.harness import Claim, Record, Study
-from evaluation.harness.tables import grouped, of, spread
+from evaluation.harness.tables import coverage, grouped, of, spread
 from evaluation.slam_ablation.peers import genz_lio_alone, rko_lio_alone
 from evaluation.studies.carried.anchored_carriers import LEVEL_CARRIER, Anchored, run_with_plan
 from evaluation.studies.carried.carriers import RECORDING, WARM_UP, Errors, Found, errors_of
@@ -169,6 +169,7 @@ def _errors(rows: pd.DataFrame, method: str) -> dict[str, str]:
         "in a second (m)": spread(of_method("second_m"), ".3f"),
         "in a second (degrees)": spread(of_method("second_deg"), ".2f"),
         "worst step (m)": spread(of_method("worst_step_m"), ".2f"),
+        "poses missing": of(of_method("missing").sum(), rows.scans[of_method("missing").notna()].sum()),
         "scans a second": spread(rows[f"scans_per_s.{method}"]),
     }  # fmt: skip
 
@@ -186,6 +187,7 @@ def _with_plan(rows: pd.DataFrame, method: str) -> pd.DataFrame:
 def _anchored(own: pd.DataFrame) -> dict[str, str]:
     return {
         "anchored": of(own.anchored.sum(), len(own)), "RMSE (m)": spread(own.rmse_m, ".4f"),
+        "coverage": coverage(own),
         "of the robot (m)": spread(own.level_m, ".4f"), "ratio": spread(own.rmse_m / own.level_m, ".2f"),
         "worst (m)": spread(own.worst_m, ".2f"), "scans wrong": of(own.wrong.sum(), own.scans.sum()),
         "first anchor (s)": spread(own.first_anchor_s),

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from evaluation.harness import Claim
-from evaluation.harness.tables import grouped, of, spread
+from evaluation.harness.tables import coverage, grouped, of, spread
 from evaluation.studies.carried.carriers_tables import named
 
 LABELS = {
@@ -42,13 +42,16 @@ def _of_output(rows: pd.DataFrame, output: str) -> pd.DataFrame:
     own = rows[rows[f"found.{output}.anchored"].notna()]
     own = own.rename(columns=lambda name: name.removeprefix(f"found.{output}."))
     removed = 1 - own.rmse_m.astype(float) / own.alone_m.astype(float)
-    return own.assign(output=LABELS[output], removed=removed, cpu=own[f"cpu_s.{output}"])
+    covered = (own.poses / own.scans).clip(upper=1.0)  # KISS-SLAM also reads the scans after the drive's end
+    covered = covered.where(own.rmse_m.notna())
+    return own.assign(output=LABELS[output], removed=removed, coverage=covered, cpu=own[f"cpu_s.{output}"])
 
 
 def _gain(own: pd.DataFrame) -> dict[str, str]:
     return {
         "anchored": of(own.anchored.sum(), len(own)), "alone: ATE (m)": spread(own.alone_m, ".3f"),
-        "anchored: RMSE (m)": spread(own.rmse_m, ".3f"), "worst (m)": spread(own.worst_m, ".2f"),
+        "anchored: RMSE (m)": spread(own.rmse_m, ".3f"), "coverage": coverage(own),
+        "worst (m)": spread(own.worst_m, ".2f"),
         "error removed (%)": spread(100 * own.removed),
         f"at least {CLAIMED:.0%}".replace("%", " %"): of((own.removed >= CLAIMED).sum(), len(own)),
         "poses wrong": of(own.wrong.sum(), own.poses[own.anchored.astype(bool)].sum()),
@@ -63,6 +66,7 @@ def _drive(row: "pd.Series[float]") -> dict[str, str]:
     return {
         "output": str(row.output), "building": str(row.building), "sensor": str(row.sensor), "seed": str(row.seed),
         "alone: ATE (m)": known("alone_m", ".3f"), "anchored: RMSE (m)": known("rmse_m", ".3f"),
+        "coverage": known("coverage", ".1f", 100.0) + " %" * bool(row.anchored),
         "error removed (%)": known("removed", ".0f", 100.0), "worst (m)": known("worst_m", ".2f"),
         "poses wrong": f"{row.wrong:.0f}" if row.anchored else "",
     }  # fmt: skip

@@ -6,7 +6,7 @@ import pandas as pd
 
 from evaluation.drives.troubles import TROUBLES
 from evaluation.harness import Claim
-from evaluation.harness.tables import grouped, of, rare, spread
+from evaluation.harness.tables import coverage, grouped, of, rare, spread
 from evaluation.metrics.regions import PARTS, pooled
 from evaluation.studies.carried.carriers_tables import named
 
@@ -35,7 +35,8 @@ def _by_trouble(rows: pd.DataFrame) -> pd.DataFrame:
         if own:
             others = [name for name in rows if name.startswith("found.") and name not in own]
             lines.append(rows.drop(columns=others).rename(columns=own).assign(trouble=trouble).dropna(subset="scans"))
-    return pd.concat(lines, ignore_index=True).reindex(columns=_with_missing(lines))
+    runs = pd.concat(lines, ignore_index=True).reindex(columns=_with_missing(lines))
+    return runs.assign(coverage=(runs.anchored / runs.scans).where(runs.rmse_m.notna()))
 
 
 def _with_missing(lines: list[pd.DataFrame]) -> list[str]:
@@ -59,7 +60,7 @@ def _cells(own: pd.DataFrame) -> dict[str, str]:
         "drives": str(len(own)), "anchored": of((own.anchored > 0).sum(), len(own)),
         "scans anchored": f"{own.anchored.sum() / own.scans.sum():.1%}",
         "scans lost": f"{own.lost.sum() / own.scans.sum():.1%}",
-        "RMSE (m)": spread(own.rmse_m, ".3f"),
+        "RMSE (m)": spread(own.rmse_m, ".3f"), "coverage": coverage(own),
         "drives wrong": of((own.wrong > 0).sum(), len(own)), "scans wrong": of(own.wrong.sum(), own.scans.sum()),
         "wrong while it ran": of((own.wrong_live > 0).sum(), len(own)),
         "wrong and no alarm": of(((own.wrong > 0) & (own.alarms.map(len) == 0)).sum(), len(own)),

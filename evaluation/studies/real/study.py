@@ -57,7 +57,8 @@ class Measured(Record):
 
     `scans` were read, and `unreadable` were skipped. Of the `true` ones, which have a true pose in the BIM frame, so
     many are anchored within 3 m and 5 degrees (`coarse`) and within 0.3 m and 1 degree (`fine`). The RMSEs are over all
-    anchored scans. `aligned_rmse_m` is that of the run's own trajectory after alignment, of whole recordings.
+    anchored scans with a true pose, the share `coverage` of the true ones. `aligned_rmse_m` is that of the run's own
+    trajectory after alignment, of whole recordings.
     """
 
     runs: int
@@ -72,6 +73,7 @@ class Measured(Record):
     yaw_rmse_deg: float | None
     aligned_rmse_m: float | None
     reason: str
+    coverage: float | None = None
 
 
 def cases(options: Choice) -> list[Recorded]:
@@ -111,7 +113,7 @@ def measure(case: Recorded, work: Path) -> Measured:
         runs=len(results), anchored=sum(result.anchored for result in results), scans=len(stamps),
         unreadable=len(recording.scans.skipped), true=true,
         aligned_rmse_m=None if whole is None else aligned_rmse(whole, truth, recording.point),
-        reason=results[-1].reason if results else "", **_in_bim(results, truth),
+        reason=results[-1].reason if results else "", **_in_bim(results, truth, true),
     )  # fmt: skip
 
 
@@ -133,8 +135,8 @@ def _pieces(scans: Iterable[Scan], truth: Trajectory, length_m: float) -> Iterat
     return (own for number, own in groupby(scans, piece) if number >= 0)
 
 
-def _in_bim(results: list[Result], truth: Trajectory) -> Mapping[str, object]:
-    """The errors of the anchored runs, pooled."""
+def _in_bim(results: list[Result], truth: Trajectory, true: int) -> Mapping[str, object]:
+    """The errors of the anchored runs, pooled, over so many of the `true` scans."""
     found = [place_errors(result.trajectory, truth) for result in results if result.anchored]
     known = [errors for errors in found if len(errors.position_m)]
     ends = (End(position_m=e.position_m[-1], yaw_deg=np.degrees(e.yaw_rad[-1])) for e in known)
@@ -144,6 +146,7 @@ def _in_bim(results: list[Result], truth: Trajectory) -> Mapping[str, object]:
         "ends": tuple(ends), "coarse": sum(int(e.within(COARSE).sum()) for e in known),
         "fine": sum(int(e.within(FINE).sum()) for e in known), "rmse_m": rmse[0] if rmse else None,
         "yaw_rmse_deg": float(np.degrees(rmse[1])) if rmse else None,
+        "coverage": sum(len(e.position_m) for e in known) / true if known else None,
     }  # fmt: skip
 
 

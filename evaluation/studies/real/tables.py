@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from evaluation.harness import Claim
-from evaluation.harness.tables import each, grouped, of, spread
+from evaluation.harness.tables import coverage, each, grouped, of, spread
 from evaluation.studies.real.success import COARSE, FINE, Limits
 
 _NAMES = {COARSE: "3 m, 5 deg", FINE: "0.3 m, 1 deg"}
@@ -32,7 +32,8 @@ def _whole(own: pd.DataFrame, shown: Callable[["pd.Series[Any]", str], str]) -> 
     return {
         **_placed(own),
         **{f"scans within {name}": _share(own[field].sum(), own.true.sum()) for field, name in fields},
-        "RMSE (m)": shown(own.rmse_m, ".3f"), "yaw RMSE (deg)": shown(own.yaw_rmse_deg, ".2f"), **_ends(own, shown),
+        "RMSE (m)": shown(own.rmse_m, ".3f"), "yaw RMSE (deg)": shown(own.yaw_rmse_deg, ".2f"),
+        "coverage": coverage(own), **_ends(own, shown),
         "RMSE after alignment (m)": shown(own.aligned_rmse_m, ".3f"),
     }  # fmt: skip
 
