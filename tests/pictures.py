@@ -86,7 +86,7 @@ def drift(scratch: Path) -> None:
     result = slam.finish()
     figure = Figure(figsize=(12.4, 3.8), layout="constrained")
     for k, (title, path) in enumerate((("KISS-ICP alone", alone), ("anchored to the plan", result.trajectory))):
-        off = np.linalg.norm(path.positions - sequence.truth.positions, axis=1)
+        off = np.linalg.norm(path.positions - sequence.truth.at(path.stamps_ns)[:, :3, 3], axis=1)
         axes = figure.add_subplot(1, 2, k + 1)
         floor = min(sequence.a_graph.floors, key=lambda floor: floor.elevation or 0.0)
         for wall in sequence.a_graph.on_floor(floor.id).wall_surfaces:

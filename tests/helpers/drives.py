@@ -32,14 +32,17 @@ class Drive:
     names: dict[str, str]
 
     def errors(self, result: Result) -> Array:
-        """(N,) metres in the BIM frame, no alignment."""
-        return np.asarray(
-            np.linalg.norm(result.trajectory.positions - self.truth.positions[: len(result.trajectory)], axis=1)
-        )
+        """(N,) metres of each pose in the BIM frame, no alignment."""
+        return np.asarray(np.linalg.norm(off(result.trajectory, self.truth), axis=1))
 
     def rmse(self, result: Result) -> float:
         """Metres in the BIM frame, no alignment."""
         return float(np.sqrt(np.mean(self.errors(result) ** 2)))
+
+
+def off(found: Trajectory, truth: Trajectory) -> Array:
+    """(N, 3) metres from the true positions at the same stamps."""
+    return np.asarray(found.positions - truth.at(found.stamps_ns)[:, :3, 3])
 
 
 @functools.cache

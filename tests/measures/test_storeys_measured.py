@@ -13,13 +13,17 @@ FOUND = Storeys(
     floors=2, rooms=9, on_their_floor=8, rmse_m=0.0123, max_m=0.2, stair_rmse_m=0.05,
 )  # fmt: skip
 LOST = FOUND.model_copy(update={"rmse_m": None, "max_m": None, "stair_rmse_m": None, "wrong_storey": True})
+PART = FOUND.model_copy(update={"coverage": 0.905})
 
 
 def test_each_drive_over_stairs_has_its_line() -> None:
-    rows = rows_of([(CLIMB, FOUND), (CLIMB.model_copy(update={"seed": 2}), LOST)])
+    rows = rows_of([(CLIMB, PART), (CLIMB.model_copy(update={"seed": 2}), LOST)])
     lines = tables(rows)["climbs"].astype(str).to_numpy().tolist()
-    assert lines[0][:8] == ["house", "ground, first", "pole", "1", "80", "2", "8/9", "0.0123"]
-    assert lines[1][7] == "not anchored" and lines[1][-1] == "yes"
+    assert lines[0][:9] == ["house", "ground, first", "pole", "1", "80", "2", "8/9", "0.0123", "90.5 %"]
+    assert lines[1][7:9] == ["not anchored", "-"] and lines[1][-1] == "yes"
+    assert claims(rows)[1].cases == "1/2 drives anchored, coverage 90.5 %"
+    before = rows.drop(columns="coverage")  # rows from when it was not kept
+    assert tables(before)["climbs"].coverage.tolist() == ["-", "-"]
     assert [claim.value[:7] for claim in claims(rows)] == ["1 of 2 ", "12.3 [1"]
 
 

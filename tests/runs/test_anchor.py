@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from boxes import pose
 from commands import called, refused
-from drives import small_drive
+from drives import off, small_drive
 from g2o_files import drawn_graph
 from slam_outputs import SlamOutput, slam_output, write_poses
 from small_ifc import write_small_ifc
@@ -38,9 +38,8 @@ def anchored(building: Path, out: Path, *words: object) -> dict[str, object]:
 
 def rmse(path: Path) -> float:
     """Metres in the BIM frame, no alignment, of the poses that the command wrote."""
-    found = Trajectory.read_tum(path)
-    true = small_drive().truth.at(found.stamps_ns)
-    return float(np.sqrt(np.mean(np.sum((found.positions - true[:, :3, 3]) ** 2, axis=1))))
+    apart = off(Trajectory.read_tum(path), small_drive().truth)
+    return float(np.sqrt(np.mean(np.sum(apart**2, axis=1))))
 
 
 def drifted() -> SlamOutput:
