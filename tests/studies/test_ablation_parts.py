@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from boxes import pose
 from small_ifc import STOREY, SmallBuilding, write_small_ifc
 from study_rows import rows_of
 
@@ -21,12 +22,13 @@ from evaluation.drives import Conditions, SequenceSpec
 from evaluation.drives.conditions import NORMAL
 from evaluation.drives.stand_in_matchers import OracleMatcher, WrongMatches
 from evaluation.drives.weakened import LEAST_ERROR_M, RANGE_M, shortened, weaken_odometry
-from evaluation.metrics.trajectories import ape, error_in_bim
+from evaluation.metrics.trajectories import ape, error_in_bim, origin_alignment
 from evaluation.slam_ablation.icp_to_bim import ALIGNERS, register_to_bim, surfaces_of_graph, surfaces_of_ifc
-from evaluation.slam_ablation.scores import Scores
+from evaluation.slam_ablation.scores import Scores, _of_trajectory
 from evaluation.slam_ablation.study import Run
 from evaluation.slam_ablation.variants import shortened_scan
 from evaluation.studies import wrong_matches
+from evaluation.studies.relocalisation import _error
 from matching import MatchResult
 
 needs_open3d = pytest.mark.skipif(find_spec("open3d") is None, reason="needs the extra open3d")
@@ -170,3 +172,18 @@ def test_scans_are_registered_to_the_buildings_surfaces(
     assert len(estimate) == 40
     error = error_in_bim(estimate, run.truth)
     assert error.horizontal.rmse < 0.02 and error.yaw.max < 0.01
+
+
+def test_errors_are_those_of_the_scans_that_have_a_pose_and_say_how_many_that_are() -> None:
+    truth = around_a_block(30.0)
+    there = np.ones(len(truth), dtype=bool)
+    there[:5] = there[200:250] = False  # not anchored at first, and lost in the middle
+    T = pose(3.0, -2.0, 0.1, 0.4)
+    part = truth.only(there).transformed(np.linalg.inv(T))
+    np.testing.assert_allclose(origin_alignment(part, truth), T, atol=1e-9)
+    off = truth.only(there).transformed(pose(0.0, 0.0, 0.1))
+    found = _of_trajectory(off, truth)
+    assert found["rmse_m"] == pytest.approx(0.1) and found["matched_poses"] == len(truth) - 55
+    assert found["times_s"][0] == 0.5  # since the first scan
+    rmse, share = _error(off, truth, np.eye(4), int(truth.stamps_ns[100]))
+    assert rmse == pytest.approx(0.1) and share == pytest.approx(1 - 50 / (len(truth) - 100))
