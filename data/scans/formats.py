@@ -36,7 +36,7 @@ _PCD_ROWS = {  # the words of a header's line: PCL's default for each, their for
     "DATA": ("", "ascii|binary|binary_compressed", "of ascii, binary, binary_compressed"),
 }
 _WIDTHS = (4, 3, 5)  # float32 values of a point in a .bin: KITTI; x y z alone; nuScenes
-_FEWEST = 100  # points: fewer say nothing about the width
+_FEWEST = 300  # values: fewer say nothing about the width
 _SEEN = 60_000  # values that are looked at, a multiple of each width
 
 
@@ -83,7 +83,7 @@ def _values_a_point(values: NDArray[np.float32]) -> int:
     In columns of the right width like stands below like: neighbours differ least, and so do points in any other order.
     """
     count = len(values)
-    if count < _FEWEST * 4 or (count % 4 == 0 and count % 3 and count % 5):
+    if count < _FEWEST or (count % 4 == 0 and count % 3 and count % 5):
         return 4
     # a logarithm beyond 1 m, so that no single value decides
     head = np.arcsinh(np.nan_to_num(values[: min(_SEEN, count // 60 * 60)]))
@@ -172,6 +172,8 @@ def _pcd_header(file: BinaryIO) -> tuple[list[_Field], int, str]:
     """The fields, the number of points and the encoding; the file is then at the first byte of data."""
     rows = _pcd_rows(file)
     names = rows.get("FIELDS") or rows.get("COLUMNS", [])  # before version 0.7
+    if not set(XYZ) <= set(names):
+        raise UnreadableScanError("its header has no line FIELDS with x, y, z")
     (encoding,) = _pcd_row(rows, "DATA", 1)
     sizes, types, counts = (_pcd_row(rows, name, len(names), encoding == "ascii") for name in ("SIZE", "TYPE", "COUNT"))
     if sum(map(int, counts)) > LONGEST_RECORD:
@@ -196,11 +198,11 @@ def _pcd_rows(file: BinaryIO) -> dict[str, list[str]]:
 def _pcd_row(rows: dict[str, list[str]], name: str, count: int, loose: bool = False) -> list[str]:
     """The words of a line of the header, or PCL's defaults without it; if `loose`, also for those that it lacks."""
     default, form, what = _PCD_ROWS[name]
-    words = [word.lower() for word in rows.get(name, [default] * count)]
+    words = rows.get(name, [default] * count)
     words = [*words, *[default] * count][:count] if loose else words
-    if len(words) != count or not all(re.fullmatch(form, word) for word in words):
-        raise UnreadableScanError(f"its header line '{' '.join([name, *words])[:80]}' must have {count} {what}")
-    return words
+    if len(words) != count or not all(re.fullmatch(form, word, re.IGNORECASE) for word in words):
+        raise UnreadableScanError(f"its header line '{' '.join([name, *words]).strip()[:80]}' must have {count} {what}")
+    return [word.lower() for word in words]
 
 
 def _pcd_ascii(file: BinaryIO, count: int, columns: list[int]) -> Points:
