@@ -1,7 +1,7 @@
 """Times of single points, as LiDAR drivers write them: under several names, in several units."""
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -20,6 +20,7 @@ _LONGEST = 2.0  # s: no scan takes longer
 _SINCE_1973 = 1e8  # s: a larger time is one of a clock
 _ROUNDED = 1e-3  # by which a fraction may be above 1
 _HALF = 1 << 31  # of what 32 bits hold
+_QUICKEST = 0.02  # s between the scans of a LiDAR that turns
 _MUCH = 2.0  # times the interval between scans that no scan lasts
 
 
@@ -71,7 +72,7 @@ class TurnTimes:
     """Makes seconds of times that are fractions of a turn, from 0 to 1: no scan lasts much longer than the interval
     to the next one.
 
-    `remark` is a line for the user once a scan seemed to.
+    `remark` is a line for the user where scans seem to last longer, or come faster than a LiDAR turns.
     """
 
     def __init__(self) -> None:
@@ -83,17 +84,27 @@ class TurnTimes:
         known; if there are none, nor any before, a turn takes 0.1 s.
         """
         self._stamps.append(stamp_ns)
+        interval = _interval(self._stamps)
+        if len(self._stamps) == self._stamps.maxlen and interval < _QUICKEST:
+            self.remark = (
+                f"scans are {interval:.2g} s apart, faster than any LiDAR turns: such parts of a turn hardly fit the "
+                "map; let the driver publish whole turns, 5 to 20 a second"
+            )
         length = 0.0 if times is None else float(np.ptp(times))
         if times is None or length <= _MUCH * _TURN:
             return times
-        steps = [(b - a) * 1e-9 for a, b in pairwise([*self._stamps, *following()]) if b > a]
-        interval = float(np.median(steps)) if steps else _TURN
+        interval = _interval([*self._stamps, *following()])
         if length <= _MUCH * interval:
             return times
         fractions = 0.5 < length <= 1 + _ROUNDED and np.abs(times).max() <= 1 + _ROUNDED
         taken = "taken for fractions of that" if fractions else "taken as they are: scans overlap"
-        if self.remark is None:
-            self.remark = (
-                f"the times of the points span {length:.3g}, scans are {interval:.3g} s apart: the times are {taken}"
-            )
+        self.remark = self.remark or (
+            f"the times of the points span {length:.3g}, scans are {interval:.3g} s apart: the times are {taken}"
+        )
         return times * interval if fractions else times
+
+
+def _interval(stamps_ns: Iterable[int]) -> float:
+    """The median interval between the stamps that increase, s; that of a turn if there are none."""
+    steps = [(b - a) * 1e-9 for a, b in pairwise(stamps_ns) if b > a]
+    return float(np.median(steps)) if steps else _TURN

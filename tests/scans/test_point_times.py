@@ -180,6 +180,14 @@ def test_scans_that_overlap_by_their_times_are_told(tmp_path: Path) -> None:
     assert len(folder.remarks) == 1 and "scans overlap" in folder.remarks[0]
 
 
+@pytest.mark.parametrize(("period", "told"), [(0.0125, True), (0.018, True), (0.025, False)])
+def test_parts_of_turns_are_told(period: float, told: bool, tmp_path: Path) -> None:
+    """As Velodyne's driver publishes them if its `rpm` is eight times the sensor's."""
+    folder = folder_of(tmp_path, [period * k for k in range(20)])
+    assert len(list(folder)) == 20
+    assert [("parts of a turn" in remark) for remark in folder.remarks] == [True] * told
+
+
 def test_fractions_are_known_while_scans_are_still_coming(tmp_path: Path) -> None:
     folder = timed_folder(tmp_path, [0.2 * k for k in range(12)], np.linspace(0, 1, 50))
     stream, ends = GrowingFolder(folder.path), []
