@@ -57,7 +57,9 @@ def _point_cloud(data: bytes, is_cdr: bool) -> Cloud:
         raise UnreadableScanError("its points have no fields x, y, z")
     columns = {name: (order + _NUMBERS[kind], offset) for name, (kind, offset) in kinds.items()}
     rows, width, step = message.height, message.width, message.point_step
-    row_step = max(message.row_step, width * step) if rows > 1 else width * step
+    # drivers leave row_step as it was before they cut or joined rows; that there is no padding the length says
+    padded = rows > 1 and len(message.data) != rows * width * step
+    row_step = max(message.row_step, width * step) if padded else width * step
     if rows * width == 0:
         raise UnreadableScanError("it is empty")
     if len(message.data) < (rows - 1) * row_step + width * step:

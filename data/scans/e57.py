@@ -18,7 +18,9 @@ from data.scans.scan import Scan, ScanSource, finished
 from data.trajectory.stamps import NOTE_INDICES, NS, SCAN_PERIOD_NS
 
 _GPS_EPOCH = 315_964_800  # s: 1980-01-06 since 1970
-_FIELDS = ("cartesianX", "cartesianY", "cartesianZ"), ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
+_CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
+_SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
+_INVALID = ("cartesianInvalidState", "sphericalInvalidState")
 
 
 class E57Scans(ScanSource):
@@ -58,13 +60,33 @@ class E57Scans(ScanSource):
         if self._counts[index] > BEST_RATIO * self.path.stat().st_size:
             raise UnreadableScanError(f"its header claims {self._counts[index]} points")
         try:
-            raw = self._file.read_scan(index, transform=False, ignore_missing_fields=True)
-            points = np.stack([raw[name] for name in _FIELDS[0]], axis=1)
+            points, times = self._stored(index)
         except Exception as error:
             raise UnreadableScanError(f"a broken scan ({_line(error)})") from None
         pose = None if self._poses is None else self._poses[index]
         assert self.stamps_ns is not None
-        return finished(index, int(self.stamps_ns[index]), points, raw.get("timeStamp"), self.path, pose)
+        return finished(index, int(self.stamps_ns[index]), points, times, self.path, pose)
+
+    def _stored(self, index: int) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+        """Points (N, 3) and times (N,), by libE57 itself: pye57's own functions leave out the times."""
+        from pye57.libe57 import SourceDestBuffer, VectorSourceDestBuffer
+
+        head, count = self._file.get_header(index), self._counts[index]
+        wanted = (*_CARTESIAN, *_SPHERICAL, *_INVALID, "timeStamp")
+        raw = {name: np.empty(count) for name in wanted if name in head.point_fields}
+        buffers = VectorSourceDestBuffer()
+        for name, column in raw.items():
+            buffers.append(SourceDestBuffer(self._file.image_file, name, column, count, True, True))
+        head.points.reader(buffers).read()
+        system = _CARTESIAN if _CARTESIAN[0] in raw else _SPHERICAL
+        points = np.stack([raw[name] for name in system], axis=1)
+        if system is _SPHERICAL:
+            reach, azimuth, elevation = points.T
+            level = reach * np.cos(elevation)
+            points = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), reach * np.sin(elevation)], axis=1)
+        for state in _INVALID:
+            points[raw.get(state, 0) != 0] = np.nan
+        return points, raw.get("timeStamp")
 
 
 def _opened(path: Path) -> Any:

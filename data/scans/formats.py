@@ -1,16 +1,18 @@
-"""Reads one scan file: KITTI `.bin`, `.pcd`, `.ply`, `.npy`, `.las`, `.laz`.
+"""Reads one scan file: `.bin`, `.pcd`, `.ply`, `.npy`, `.las`, `.laz`.
 
 Sizes in headers are checked against the file's size before memory is allocated. Coordinates are metres in the sensor
 frame; NaN and zero returns are still included.
 """
 
+import math
 import os
 import re
 import struct
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
+import lzf
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,7 +24,20 @@ Times = NDArray[Any] | None  # in whatever unit, from whatever origin: data.scan
 
 XYZ = ("x", "y", "z")
 LONGEST_RECORD = 4096  # values a PCD point may have, padding counted
+LONGEST_LINE = 4096  # bytes of a line in a PCD's header
 LZF_BEST_RATIO = 100  # LZF packs at most 264 bytes into 3
+_PCD_ROWS = {  # the words of a header's line: PCL's default for each, their form, and what they are
+    "SIZE": ("4", "[1248]", "sizes, each 1, 2, 4 or 8"),
+    "TYPE": ("f", "[fuid]", "types, each F, U, I or D"),
+    "COUNT": ("1", r"\d{1,9}", "whole numbers"),
+    "WIDTH": ("", r"\d{1,12}", "whole number"),
+    "HEIGHT": ("1", r"\d{1,12}", "whole number"),
+    "POINTS": ("", r"\d{1,12}", "whole number"),
+    "DATA": ("", "ascii|binary|binary_compressed", "of ascii, binary, binary_compressed"),
+}
+_WIDTHS = (4, 3, 5)  # float32 values of a point in a .bin: KITTI; x y z alone; nuScenes
+_FEWEST = 300  # values: fewer say nothing about the width
+_SEEN = 60_000  # values that are looked at, a multiple of each width
 
 
 def read_points(path: Path) -> Points:
@@ -52,17 +67,48 @@ def read_timed(path: Path) -> tuple[Points, Times]:
 
 
 def _read_bin(path: Path) -> tuple[Points, Times]:
-    if (size := path.stat().st_size) % 16:
-        raise UnreadableScanError(f"{size} bytes are not a whole number of float32 x y z intensity")
-    return np.fromfile(path, dtype="<f4").reshape(-1, 4)[:, :3], None
+    values = np.fromfile(path, "<f4")
+    width = _values_a_point(values)
+    if (size := path.stat().st_size) % (4 * width):
+        raise UnreadableScanError(
+            f"{size} bytes are not a whole number of points of {width} float32: x y z intensity as in KITTI, x y z, or "
+            "x y z intensity ring as in nuScenes"
+        )
+    return values.reshape(-1, width)[:, :3], None
+
+
+def _values_a_point(values: NDArray[np.float32]) -> int:
+    """How many values a point has, in a file that does not say it: 4, unless it certainly has 3 or 5.
+
+    In columns of the right width like stands below like: neighbours differ least, and so do points in any other order.
+    """
+    count = len(values)
+    if count < _FEWEST or (count % 4 == 0 and count % 3 and count % 5):
+        return 4
+    # a logarithm beyond 1 m, so that no single value decides
+    head = np.arcsinh(np.nan_to_num(values[: min(_SEEN, count // 60 * 60)]))
+    spreads = []
+    for width in _WIDTHS:
+        rows = head.reshape(-1, width)
+        shuffled = np.random.default_rng(0).permutation(rows)
+        spreads.append([float(np.abs(np.diff(own, axis=0)).mean()) for own in (rows, shuffled)])
+    best = {_WIDTHS[k] for k in np.argmin(spreads, axis=0)}
+    return best.pop() if len(best) == 1 else 4
 
 
 def _read_npy(path: Path) -> tuple[Points, Times]:
     # mapped, because mapping refuses a header that claims more than the file holds, and pickled objects
     array = np.load(path, mmap_mode="r", allow_pickle=False)
-    if array.ndim != 2 or array.shape[1] < 3 or array.dtype.kind != "f":
-        raise UnreadableScanError(f"shape {array.shape}, type {array.dtype}; (N, 3 or more) floats needed")
-    return np.array(array[:, :3]), None
+    if array.dtype.names and set(XYZ) <= set(array.dtype.names):
+        name = time_field(array.dtype.names)
+        points = np.stack([array[axis].ravel() for axis in XYZ], axis=1)
+        return points, None if name is None else np.array(array[name]).ravel()
+    if array.ndim not in (2, 3) or array.shape[-1] < 3 or array.dtype.kind != "f":
+        raise UnreadableScanError(
+            f"shape {array.shape}, type {array.dtype}; (N, 3 or more) or (H, W, 3 or more) floats, or fields x, y, z "
+            "needed"
+        )
+    return np.array(array[..., :3]).reshape(-1, 3), None
 
 
 def _read_ply(path: Path) -> tuple[Points, Times]:
@@ -88,59 +134,96 @@ def _read_ply(path: Path) -> tuple[Points, Times]:
 
 
 def _read_pcd(path: Path) -> tuple[Points, Times]:
-    from pypcd4 import Encoding, MetaData, PointCloud
-
     with open(path, "rb") as file:
-        metadata = MetaData.parse_header(_pcd_header(file))
-        if sum(metadata.count) > LONGEST_RECORD:
-            raise UnreadableScanError(f"its header claims {sum(metadata.count)} values a point")
-        columns = [metadata.fields.index(name) for name in XYZ if name in metadata.fields]
-        if len(columns) != 3 or {metadata.count[i] for i in columns} != {1}:
+        header, points, encoding = _pcd_header(file)
+        fields = {field.name: field for field in reversed(header) if field.repeats == 1}
+        name = time_field([*reversed(fields)])
+        wanted = [fields[own] for own in (*XYZ, name) if own in fields]
+        if len(wanted) < 3 + (name is not None):
             raise UnreadableScanError("it has no fields x, y, z")
-        name = time_field(metadata.fields)
-        timed = None if name is None or metadata.count[metadata.fields.index(name)] != 1 else name
-        if metadata.data == Encoding.ASCII:
-            columns += [] if timed is None else [metadata.fields.index(timed)]
-            table = _pcd_ascii(file, metadata.points, [sum(metadata.count[:i]) for i in columns])
-            return table[:, :3], None if timed is None else table[:, 3]
-        claimed = metadata.points * metadata.build_dtype().itemsize
-        _check_pcd_size(file, claimed, compressed=metadata.data != Encoding.BINARY)
-        file.seek(0)
-        cloud = PointCloud.from_fileobj(file)
-        return cloud.numpy(XYZ), None if timed is None else np.array(cloud.pc_data[timed])
+        if not points:
+            return np.empty((0, 3)), None
+        starts = [header[: header.index(field)] for field in wanted]
+        if encoding == "ascii":
+            table = _pcd_ascii(file, points, [sum(field.repeats for field in before) for before in starts])
+            return table[:, :3], None if name is None else table[:, 3]
+        step, packed = _size_of(header), encoding != "binary"
+        data = _pcd_data(file, points * step, packed)
+        # packed, it holds field after field, else point after point
+        columns: list[NDArray[Any]] = [
+            np.ndarray((points,), field.kind, data, _size_of(before) * (points if packed else 1),
+                       (field.kind.itemsize if packed else step,))
+            for field, before in zip(wanted, starts, strict=True)
+        ]  # fmt: skip
+        return np.stack(columns[:3], axis=1), None if name is None else columns[3].copy()
 
 
-def _pcd_header(file: BinaryIO) -> list[str]:
-    """The header's lines including DATA; the file is then at the first byte of data."""
-    lines: list[str] = []
-    while len(lines) < 100:
-        raw = file.readline(4096)
-        if not raw:
-            break
-        lines.append(raw.decode().strip())
-        if lines[-1].startswith("DATA"):
-            return lines
+class _Field(NamedTuple):
+    name: str
+    kind: np.dtype[Any]
+    repeats: int
+
+
+def _size_of(fields: list[_Field]) -> int:
+    return sum(field.kind.itemsize * field.repeats for field in fields)
+
+
+def _pcd_header(file: BinaryIO) -> tuple[list[_Field], int, str]:
+    """The fields, the number of points and the encoding; the file is then at the first byte of data."""
+    rows = _pcd_rows(file)
+    names = rows.get("FIELDS") or rows.get("COLUMNS", [])  # before version 0.7
+    if not set(XYZ) <= set(names):
+        raise UnreadableScanError("its header has no line FIELDS with x, y, z")
+    (encoding,) = _pcd_row(rows, "DATA", 1)
+    sizes, types, counts = (_pcd_row(rows, name, len(names), encoding == "ascii") for name in ("SIZE", "TYPE", "COUNT"))
+    if sum(map(int, counts)) > LONGEST_RECORD:
+        raise UnreadableScanError(f"its header claims {sum(map(int, counts))} values a point")
+    kinds = [np.dtype(f"<{kind.replace('d', 'f')}{size}") for kind, size in zip(types, sizes, strict=True)]
+    fields = [_Field(name, kind, int(count)) for name, kind, count in zip(names, kinds, counts, strict=True)]
+    shape = ("POINTS",) if "POINTS" in rows else ("WIDTH", "HEIGHT")
+    return fields, math.prod(int(_pcd_row(rows, name, 1)[0]) for name in shape), encoding
+
+
+def _pcd_rows(file: BinaryIO) -> dict[str, list[str]]:
+    """The words of the header's lines, to DATA, by their first word."""
+    rows: dict[str, list[str]] = {}
+    for _ in range(100):
+        name, *words = file.readline(LONGEST_LINE).decode(errors="replace").split() or [""]
+        rows.setdefault(name.upper(), words)
+        if name.upper() == "DATA":
+            return rows
     raise UnreadableScanError("no PCD header")
+
+
+def _pcd_row(rows: dict[str, list[str]], name: str, count: int, loose: bool = False) -> list[str]:
+    """The words of a line of the header, or PCL's defaults without it; if `loose`, also for those that it lacks."""
+    default, form, what = _PCD_ROWS[name]
+    words = rows.get(name, [default] * count)
+    words = [*words, *[default] * count][:count] if loose else words
+    if len(words) != count or not all(re.fullmatch(form, word, re.IGNORECASE) for word in words):
+        raise UnreadableScanError(f"its header line '{' '.join([name, *words]).strip()[:80]}' must have {count} {what}")
+    return [word.lower() for word in words]
 
 
 def _pcd_ascii(file: BinaryIO, count: int, columns: list[int]) -> Points:
     if count * 2 * len(columns) > _bytes_left(file) + 1:
         raise UnreadableScanError(f"cut off: its header claims {count} points")
-    # not pypcd4's: it takes a line that ends with a blank, or has two between numbers, for a longer one
-    points = np.loadtxt(file, usecols=columns, ndmin=2, comments=None) if count else np.empty((0, len(columns)))
+    points = np.loadtxt(file, usecols=columns, ndmin=2, comments=None)
     if len(points) != count:
         raise UnreadableScanError(f"cut off: its header claims {count} points, {len(points)} are there")
     return points
 
 
-def _check_pcd_size(file: BinaryIO, claimed: int, compressed: bool) -> None:
+def _pcd_data(file: BinaryIO, claimed: int, packed: bool) -> bytes:
     there = _bytes_left(file)
-    if compressed and claimed:
-        packed, unpacked = struct.unpack("<II", file.read(8))
-        if packed > there - 8 or unpacked != claimed or unpacked > LZF_BEST_RATIO * packed:
-            raise UnreadableScanError(f"its header claims {claimed} bytes of points, packed into {there - 8}")
-    elif claimed > there:
-        raise UnreadableScanError(f"cut off: its header claims {claimed} bytes of points, {there} are there")
+    if not packed:
+        if claimed > there:
+            raise UnreadableScanError(f"cut off: its header claims {claimed} bytes of points, {there} are there")
+        return file.read(claimed)
+    size, unpacked = struct.unpack("<II", file.read(8))
+    if size > there - 8 or unpacked != claimed or unpacked > LZF_BEST_RATIO * size:
+        raise UnreadableScanError(f"its header claims {claimed} bytes of points, packed into {there - 8}")
+    return bytes(lzf.decompress(file.read(size), unpacked))
 
 
 def _bytes_left(file: BinaryIO) -> int:

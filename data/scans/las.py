@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from data.scans.point_times import time_field
 from data.scans.reading_errors import MissingReaderError, UnreadableScanError
 
 BEST_RATIO = 200  # bytes that LAZ and E57 make of one
@@ -15,7 +16,9 @@ INSTALL = "pip install 'sgslam[scans]'"
 
 
 def read_las(path: Path) -> tuple[NDArray[np.float64], NDArray[Any] | None]:
-    """Points (N, 3) and their GPS times (N,) as stored. Raises UnreadableScanError, MissingReaderError."""
+    """Points (N, 3) and their times (N,) as stored, those of GPS or an extra dimension. Raises UnreadableScanError,
+    MissingReaderError.
+    """
     try:
         import laspy
     except ModuleNotFoundError:
@@ -37,8 +40,8 @@ def read_las(path: Path) -> tuple[NDArray[np.float64], NDArray[Any] | None]:
         raise UnreadableScanError("its compressed points are damaged") from None
     if len(points) != header.point_count:
         raise UnreadableScanError(f"cut off: its header claims {header.point_count} points, {len(points)} are there")
-    timed = "gps_time" in points.point_format.dimension_names
-    return np.stack([points.x, points.y, points.z], axis=1), np.asarray(points.gps_time) if timed else None
+    name = time_field(list(points.point_format.dimension_names))
+    return np.stack([points.x, points.y, points.z], axis=1), None if name is None else np.asarray(points[name])
 
 
 def _check_las(path: Path) -> None:

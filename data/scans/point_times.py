@@ -1,28 +1,39 @@
 """Times of single points, as LiDAR drivers write them: under several names, in several units."""
 
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from itertools import pairwise
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 # Ouster: t; Velodyne: time; Hesai, RoboSense, Livox: timestamp; Livox: offset_time; others' spellings of these
 TIME_FIELDS = (
-    "t", "time", "timestamp", "offset_time", "time_stamp", "timestamps", "time_offset", "gps_time", "point_time_offset",
+    "t", "time", "timestamp", "offsettime", "timestamps", "timeoffset", "gpstime", "pointtimeoffset", "pointtime",
+    "stamp", "stamps", "ts", "lidartime", "reltime", "relativetime",
 )  # fmt: skip
 _UNITS = (1.0, 1e-3, 1e-6, 1e-9)  # seconds, ms, us, ns
 _TURN = 0.1  # s: what most LiDARs need for a scan
 _LONGEST = 2.0  # s: no scan takes longer
 _SINCE_1973 = 1e8  # s: a larger time is one of a clock
+_ROUNDED = 1e-3  # by which a fraction may be above 1
+_HALF = 1 << 31  # of what 32 bits hold
+_QUICKEST = 0.02  # s between the scans of a LiDAR that turns
+_MUCH = 2.0  # times the interval between scans that no scan lasts
 
 
-def time_field(names: list[str] | tuple[str, ...]) -> str | None:
-    """The name of the time field among a point's fields; None if there is none."""
-    by_name = {name.lower(): name for name in reversed(names)}
+def time_field(names: Sequence[str]) -> str | None:
+    """The name of the time field among a point's fields, whatever its case and underscores; None if there is none."""
+    # CloudCompare puts `scalar_` before the name of a field each time that it saves it
+    by_name = {name.lower().replace("scalar_", "").replace("_", ""): name for name in reversed(names)}
     if "s" in by_name:  # s and t are a texture's coordinates
         by_name.pop("t", None)
     return next((by_name[known] for known in TIME_FIELDS if known in by_name), None)
 
 
-def seconds_after(values: NDArray[np.generic], stamp_ns: int) -> Floats | None:
+def seconds_after(values: NDArray[Any], stamp_ns: int) -> Floats | None:
     """Converts times (N,) in any unit and from any origin to seconds (N,) after the scan's stamp.
 
     Returns None if they carry no information: all equal, not finite, or no unit gives a plausible scan. The unit is the
@@ -35,6 +46,9 @@ def seconds_after(values: NDArray[np.generic], stamp_ns: int) -> Floats | None:
         return None
     if values.dtype.kind == "f" and not np.isfinite(values).all():
         return None
+    if values.dtype.kind == "u" and values.dtype.itemsize == 4 and np.ptp(values) > _HALF:  # ns that passed 2^32
+        values = values.astype(np.int64)
+        values[values < _HALF] += 2 * _HALF
     first = values.min()
     # whole numbers are subtracted as such: ns since 1970 do not fit a float
     span_of = (values - first).astype(np.float64)
@@ -52,3 +66,45 @@ def seconds_after(values: NDArray[np.generic], stamp_ns: int) -> Floats | None:
             float(first) * (unit * 1e9) - stamp_ns) * 1e-9  # fmt: skip
         return span_of * unit + shift
     return span_of * unit
+
+
+class TurnTimes:
+    """Makes seconds of times that are fractions of a turn, from 0 to 1: no scan lasts much longer than the interval
+    to the next one.
+
+    `remark` is a line for the user where scans seem to last longer, or come faster than a LiDAR turns.
+    """
+
+    def __init__(self) -> None:
+        self.remark: str | None = None
+        self._stamps = deque[int](maxlen=9)
+
+    def in_seconds(self, stamp_ns: int, times: Floats | None, following: Callable[[], Sequence[int]]) -> Floats | None:
+        """The times (N,) of the next scan, seconds after its stamp. `following` yields the stamps after it that are
+        known; if there are none, nor any before, a turn takes 0.1 s.
+        """
+        self._stamps.append(stamp_ns)
+        interval = _interval(self._stamps)
+        if len(self._stamps) == self._stamps.maxlen and interval < _QUICKEST:
+            self.remark = (
+                f"scans are {interval:.2g} s apart, faster than any LiDAR turns: such parts of a turn hardly fit the "
+                "map; let the driver publish whole turns, 5 to 20 a second"
+            )
+        length = 0.0 if times is None else float(np.ptp(times))
+        if times is None or length <= _MUCH * _TURN:
+            return times
+        interval = _interval([*self._stamps, *following()])
+        if length <= _MUCH * interval:
+            return times
+        fractions = 0.5 < length <= 1 + _ROUNDED and np.abs(times).max() <= 1 + _ROUNDED
+        taken = "taken for fractions of that" if fractions else "taken as they are: scans overlap"
+        self.remark = self.remark or (
+            f"the times of the points span {length:.3g}, scans are {interval:.3g} s apart: the times are {taken}"
+        )
+        return times * interval if fractions else times
+
+
+def _interval(stamps_ns: Iterable[int]) -> float:
+    """The median interval between the stamps that increase, s; that of a turn if there are none."""
+    steps = [(b - a) * 1e-9 for a, b in pairwise(stamps_ns) if b > a]
+    return float(np.median(steps)) if steps else _TURN

@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count, islice
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
-from data.scans.point_times import seconds_after
+from data.scans.point_times import TurnTimes, seconds_after
 from data.scans.reading_errors import EndOfScansError, UnreadableScanError
 from data.scans.stamp_rule import LOOK_AHEAD, StampRule
 from data.trajectory import Trajectory
@@ -29,10 +29,10 @@ _AHEAD = LOOK_AHEAD  # scans read ahead, so that a slow reader does not delay th
 class Scan:
     """One scan: `points` (N, 3) float64, C-contiguous, metres, sensor frame, N >= 1, all finite.
 
-    `index` counts the source's scans, skipped ones too; `dropped` is the number of NaN, infinite and
-    zero returns that were removed. `point_times` (N,) are seconds after the stamp, None if unknown. `T_odom_sensor`
-    (4, 4) is the pose that the file gives, None if it gives none; `step_covariance` (6, 6) is that of the motion since
-    the previous scan, rotation (rad) first, in the sensor's axes, None if unknown.
+    `index` counts the source's scans, skipped ones too; `dropped` is the number of NaN, infinite and zero returns that
+    were removed, and of those without a time where most have one. `point_times` (N,) are seconds after the stamp, None
+    if unknown. `T_odom_sensor` (4, 4) is the pose that the file gives, None if it gives none; `step_covariance` (6, 6)
+    is that of the motion since the previous scan, rotation (rad) first, in the sensor's axes, None if unknown.
     """
 
     index: int
@@ -95,7 +95,7 @@ class ScanSource(ABC):
         Scans with impossible stamps are skipped too: stamps that repeat, go back, or are far ahead of those that
         follow. Raises UserError as soon as more than a fifth has been skipped.
         """
-        self.skipped, self.remarks, rule = [], [], StampRule()
+        self.skipped, self.remarks, rule, turns = [], [], StampRule(), TurnTimes()
         with ThreadPoolExecutor(1) as reader:
             jobs = self._jobs()
             ahead: deque[Future[Scan]] = deque(reader.submit(job) for job in islice(jobs, _AHEAD))
@@ -114,9 +114,9 @@ class ScanSource(ABC):
                 if reason := rule.judge(index, scan.stamp_ns, lambda: self._stamps_of(ahead)):
                     self._skip(index, reason)
                 else:
-                    yield scan
-        if remark := rule.remark():
-            self.remarks.append(remark)
+                    times = turns.in_seconds(scan.stamp_ns, scan.point_times, lambda: self._stamps_of(list(ahead)[:2]))
+                    yield replace(scan, point_times=times)
+        self.remarks.extend(remark for remark in (rule.remark(), turns.remark) if remark)
 
     @staticmethod
     def _stamps_of(ahead: Iterable["Future[Scan]"]) -> list[int]:
@@ -138,7 +138,9 @@ def finished(
     T_odom_sensor: NDArray[np.float64] | None = None,
 ) -> Scan:  # fmt: skip
     """Returns a scan of points (N, 3) and their times (N,) as stored (see `point_times`), without NaN, infinite and
-    zero returns. Raises UnreadableScanError if nothing is left.
+    zero returns, and without those that have no time where most have one.
+
+    Raises UnreadableScanError if nothing is left.
     """
     if not len(points):
         raise UnreadableScanError("it is empty")
@@ -151,5 +153,7 @@ def finished(
         if not good.any():
             raise UnreadableScanError("all of its returns are NaN, infinite or zero")
         points, times = points[good], None if times is None else times[good]
+    if times is not None and times.dtype.kind == "f" and 0.5 < (known := np.isfinite(times)).mean() < 1:
+        points, times = points[known], times[known]
     after = None if times is None else seconds_after(times, stamp_ns)
     return Scan(index, stamp_ns, points, count_all - len(points), path, after, T_odom_sensor)

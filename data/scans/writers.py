@@ -25,14 +25,13 @@ def _write_npy(path: Path, points: Points, times: Times = None) -> None:
 
 
 def _write_pcd(path: Path, points: Points, times: Times = None) -> None:
-    from pypcd4 import Encoding, PointCloud
-
-    if times is None:
-        cloud = PointCloud.from_xyzi_points(_with_intensity(points))
-    else:
-        fields = ("x", "y", "z", "intensity", "time")
-        cloud = PointCloud.from_points(np.column_stack([_with_intensity(points), times]), fields, (np.float32,) * 5)
-    cloud.save(path, encoding=Encoding.BINARY)
+    names = ["x", "y", "z", "intensity", *(["time"] if times is not None else [])]
+    rows = np.column_stack([_with_intensity(points), *([times] if times is not None else [])])
+    header = f"VERSION 0.7\nFIELDS {' '.join(names)}\n"
+    for line, value in (("SIZE", " 4"), ("TYPE", " F"), ("COUNT", " 1")):
+        header += f"{line}{value * len(names)}\n"
+    header += f"WIDTH {len(points)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {len(points)}\nDATA binary\n"
+    path.write_bytes(header.encode() + rows.astype("<f4").tobytes())
 
 
 def _write_ply(path: Path, points: Points, times: Times = None) -> None:

@@ -3,10 +3,11 @@
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from data.scans import Scan
+from data.scans.point_times import TurnTimes
 from data.scans.scan import SkippedScan
 from data.scans.stamp_rule import GAP_NS, StampRule
 
@@ -40,15 +41,15 @@ class ScanStream(ABC):
 
         After a pause of more than ten seconds, a scan waits for the next one: if its stamp was wrong, only it is lost.
         """
-        rule = StampRule()
+        rule, turns = StampRule(), TurnTimes()
         for arrival, following_ns in _with_next_after_pause(self._arrivals()):
-            index, stamp_ns = arrival.scan.index, arrival.scan.stamp_ns
-            if reason := rule.judge(index, stamp_ns, following_ns.copy):
-                self._skip(index, arrival.scan.path, reason)
+            scan, stamp_ns = arrival.scan, arrival.scan.stamp_ns
+            if reason := rule.judge(scan.index, stamp_ns, following_ns.copy):
+                self._skip(scan.index, scan.path, reason)
             else:
-                yield arrival
-        if remark := rule.remark():
-            self.remarks.append(remark)
+                times = turns.in_seconds(stamp_ns, scan.point_times, following_ns.copy)
+                yield replace(arrival, scan=replace(scan, point_times=times))
+        self.remarks.extend(remark for remark in (rule.remark(), turns.remark) if remark)
 
     def _skip(self, index: int, path: Path, reason: str) -> None:
         name = path.name if path != self.path else f"scan {index}"

@@ -41,10 +41,14 @@ def scans(suffix: str, folder: Path) -> list[bytes]:
         made.append(path.read_bytes())
     rows = np.column_stack([POINTS, TIMES])
     if suffix == ".npy":
-        for array in (rows.astype(np.float64), np.asfortranarray(POINTS)):
+        named = np.rec.fromarrays(list(rows.T), names="x,y,z,time")
+        for array in (rows.astype(np.float64), np.asfortranarray(POINTS), named, rows.reshape(5, 8, 4)):
             np.save(path, array)
             made.append(path.read_bytes())
+    if suffix == ".bin":  # enough for their width to be looked at
+        made += [np.tile(rows[:, :width], (9, 1)).tobytes() for width in (3, 4)]
     if suffix == ".pcd":
+        made.append(made[0].replace(b"COUNT 1 1 1 1\n", b"").replace(b"TYPE F F F F", b"TYPE f F D F"))
         cloud = PointCloud.from_points([*POINTS.T, np.arange(40)], ("x", "y", "z", "t"), (*[np.float32] * 3, np.uint32))
         for encoding in (Encoding.ASCII, Encoding.BINARY_COMPRESSED):
             cloud.save(path, encoding=encoding)

@@ -79,6 +79,18 @@ def test_layouts_of_all_drivers(name: str, ros1: bool, tmp_path: Path) -> None:
     np.testing.assert_allclose(scan.point_times, expected[good], atol=2e-6)
 
 
+@pytest.mark.parametrize("row_step", [0, 20, 40 * 16, 10**6])
+def test_a_row_step_that_does_not_fit_the_data_is_ignored(row_step: int, tmp_path: Path) -> None:
+    """As drivers leave it: of the whole cloud, or of what it was before rows were cut or joined."""
+    message = cloud(store(), scan_points(3), START, height=4)
+    message.row_step = row_step
+    (scan,) = open_scans(write_bag(tmp_path / "bag", "mcap", {"/p": [(START, message)]}))
+    np.testing.assert_array_equal(scan.points, scan_points(3).astype(float))
+    message.data = message.data[:-1]
+    with pytest.raises(UserError, match="it claims 40 points"):
+        list(open_scans(write_bag(tmp_path / "cut", "mcap", {"/p": [(START, message)]})))
+
+
 @pytest.mark.parametrize("kind", ["ros1", "sqlite3"])
 def test_livox_messages(kind: str, tmp_path: Path) -> None:
     types = store(kind == "ros1")

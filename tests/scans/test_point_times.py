@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from data.common.errors import UserError
 from data.scans import ScanFolder
 from data.scans.point_times import seconds_after, time_field
+from data.scans.writers import SCAN_WRITERS
+from data.streams import GrowingFolder
 from data.trajectory.stamps import NS
 
 STAMP = 1_700_000_000 * NS + 123_456_789
@@ -31,6 +33,7 @@ TURN = np.linspace(0.0, 0.0997, 500)
         (345_678.25 + TURN, TURN),  # seconds of a GPS week, or since the sensor was switched on
         (np.uint64(5 * NS) + (TURN * 1e9).astype(np.uint64), TURN),
         (np.linspace(0, 0.5, 300), np.linspace(0, 0.5, 300)),  # 2 Hz
+        (((1 << 32) - 40_000_000 + (TURN * 1e9).astype(np.int64)).astype(np.uint32), TURN),  # ns that pass 2^32
     ],
 )
 def test_units_and_origins_of_all_drivers(values: NDArray[np.generic], expected: NDArray[np.float64]) -> None:
@@ -55,6 +58,19 @@ def test_names_of_times() -> None:
     assert time_field(["x", "offset_time", "t"]) == "t"
     assert time_field(["x", "y", "z", "s", "t"]) is None  # of a texture
     assert time_field(["x", "ring"]) is None
+    assert time_field(["x", "scalar_Scalar_field", "scalar_t", "scalar_s"]) is None
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "scalar_GpsTime", "scalar_time", "scalar_timestamp", "scalar_Scalar_Time", "stamps", "stamp", "ts",
+        "timeOffset", "lidar_time", "T", "TIME_STAMP", "gps_time", "point_time_offset", "timeStamp", "offset_time",
+        "relTime",
+    ],
+)  # fmt: skip
+def test_names_of_times_in_every_spelling(name: str) -> None:
+    assert time_field(["x", "y", "z", "intensity", name, "ring"]) == name
 
 
 @pytest.mark.parametrize("form", ["pcd binary", "pcd ascii", "ply binary_little_endian", "ply ascii"])
@@ -122,3 +138,74 @@ def test_a_clock_set_back_for_good_is_refused(tmp_path: Path) -> None:
     clock = [*steady(40), *(s - 0.5 for s in steady(50)[40:])]
     folder = folder_of(tmp_path / "little", clock)
     assert len(list(folder)) == 45 and len(folder.skipped) == 5
+
+
+def timed_folder(path: Path, seconds: list[float], times: NDArray[np.floating]) -> ScanFolder:
+    """Scans of 50 points with the same `times`, as PLY."""
+    path.mkdir(exist_ok=True)
+    points = np.random.default_rng(0).normal(size=(50, 3)).astype(np.float32)
+    for index in range(len(seconds)):
+        SCAN_WRITERS["ply"](path / f"{index}.ply", points, times.astype(np.float32))
+    (path / "times.txt").write_text("".join(f"{s:.3f}\n" for s in seconds))
+    return ScanFolder(path)
+
+
+@pytest.mark.parametrize("period", [0.05, 0.1, 0.2])
+@pytest.mark.parametrize("begin", [0.0, -0.5, -1.0])
+def test_times_from_0_to_1_are_fractions_of_the_interval_between_scans(
+    begin: float, period: float, tmp_path: Path
+) -> None:
+    fractions = np.linspace(begin, begin + 1, 50)
+    folder = timed_folder(tmp_path, [period * k for k in range(12)], fractions)
+    for scan in folder:
+        assert scan.point_times is not None
+        np.testing.assert_allclose(scan.point_times, period * fractions, atol=1e-6)
+    assert len(folder.remarks) == 1 and f"scans are {period:g} s apart" in folder.remarks[0]
+
+
+def test_times_in_seconds_stay_seconds(tmp_path: Path) -> None:
+    """A scanner of one turn a second, and a quick one of whose scans most are missing; a single scan tells nothing."""
+    slow, quick = np.linspace(0, 1, 50), np.linspace(0, 0.1, 50)
+    for name, period, times in (("slow", 1.0, slow), ("gaps", 2.0, slow), ("quick", 0.1, quick), ("two", 0.06, quick)):
+        folder = timed_folder(tmp_path / name, [period * k for k in range(12)], times)
+        assert all(np.allclose(s.point_times, times, atol=1e-6) for s in folder if s.point_times is not None)
+        assert len(list(folder)) == 12 and not folder.remarks
+    (alone,) = timed_folder(tmp_path / "alone", [5.0], slow)
+    assert alone.point_times is not None and np.isclose(alone.point_times.max(), 0.1)
+
+
+def test_scans_that_overlap_by_their_times_are_told(tmp_path: Path) -> None:
+    folder = timed_folder(tmp_path, [0.1 * k for k in range(12)], np.linspace(0, 0.4, 50))
+    assert all(s.point_times is not None and np.isclose(s.point_times.max(), 0.4) for s in folder)
+    assert len(folder.remarks) == 1 and "scans overlap" in folder.remarks[0]
+
+
+@pytest.mark.parametrize(("period", "told"), [(0.0125, True), (0.018, True), (0.025, False)])
+def test_parts_of_turns_are_told(period: float, told: bool, tmp_path: Path) -> None:
+    """As Velodyne's driver publishes them if its `rpm` is eight times the sensor's."""
+    folder = folder_of(tmp_path, [period * k for k in range(20)])
+    assert len(list(folder)) == 20
+    assert [("parts of a turn" in remark) for remark in folder.remarks] == [True] * told
+
+
+def test_fractions_are_known_while_scans_are_still_coming(tmp_path: Path) -> None:
+    folder = timed_folder(tmp_path, [0.2 * k for k in range(12)], np.linspace(0, 1, 50))
+    stream, ends = GrowingFolder(folder.path), []
+    for arrival in stream:
+        assert arrival.scan.point_times is not None
+        ends.append(float(arrival.scan.point_times.max()))
+        if len(ends) == 12:
+            stream.stop.set()
+    assert np.allclose(ends, [0.1, *[0.2] * 11])  # of the first one, nothing is known
+    assert len(stream.remarks) == 1
+
+
+def test_a_point_without_time_costs_itself_and_not_the_others_times(tmp_path: Path) -> None:
+    times = np.linspace(0, 0.1, 50)
+    times[7] = np.nan
+    for scan in timed_folder(tmp_path / "one", [0.0, 0.1], times):
+        assert scan.dropped == 1 and scan.point_times is not None and scan.point_times.shape == (49,)
+        np.testing.assert_allclose(scan.point_times, np.delete(times, 7), atol=1e-6)
+    times[:30] = np.nan
+    for scan in timed_folder(tmp_path / "most", [0.0, 0.1], times):
+        assert scan.point_times is None and len(scan.points) == 50 and not scan.dropped

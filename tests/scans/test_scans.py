@@ -13,7 +13,7 @@ from pypcd4 import Encoding, PointCloud
 from data.common.errors import UserError
 from data.common.files import natural_key
 from data.scans import ScanFolder
-from data.scans.formats import read_points
+from data.scans.formats import read_points, read_timed
 from data.scans.reading_errors import UnreadableScanError
 from data.trajectory.stamps import ns_to_seconds, seconds_to_ns
 
@@ -157,6 +157,114 @@ def test_arrays_that_are_no_points_are_unreadable(tmp_path: Path) -> None:
     np.save(tmp_path / "pickle.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
     with pytest.raises(UnreadableScanError):
         read_points(tmp_path / "pickle.npy")
+
+
+def test_arrays_with_named_columns_and_organised_ones(tmp_path: Path) -> None:
+    table = np.zeros(len(POINTS), [("time", "<f8"), ("ring", "<u2"), *((axis, "<f4") for axis in "xyz")])
+    table["x"], table["y"], table["z"], table["time"] = *POINTS.T, np.linspace(0, 0.09, len(POINTS))
+    np.save(tmp_path / "named.npy", table)
+    points, times = read_timed(tmp_path / "named.npy")
+    assert np.array_equal(points, POINTS) and times is not None and np.array_equal(times, table["time"])
+    np.save(tmp_path / "image.npy", xyzi(POINTS).reshape(6, 10, 4))
+    assert np.array_equal(read_points(tmp_path / "image.npy"), POINTS)
+
+
+# as Ouster's driver and PCL save it: three kinds of padding, one of them of no bytes; 48 bytes a point
+OUSTER = """FIELDS x y z _ intensity t reflectivity ring _ noise _ range _
+SIZE 4 4 4 1 4 4 2 1 1 2 1 4 1
+TYPE F F F U F U U U U U U U U
+COUNT 1 1 1 4 1 1 1 1 0 1 0 1 15
+"""
+PLAIN = "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 60\nHEIGHT 1\nPOINTS 60\nDATA binary\n"
+
+
+def test_a_pcd_of_ouster_with_padding_of_no_bytes(tmp_path: Path) -> None:
+    names, sizes, kinds, counts = (line.split()[1:] for line in OUSTER.splitlines())
+    fields = [
+        (str(k), f"<{t.lower()}{s}", (int(c),)) for k, (t, s, c) in enumerate(zip(kinds, sizes, counts, strict=True))
+    ]
+    rows = np.zeros(len(POINTS), fields)
+    for k in range(3):
+        rows[str(k)] = POINTS[:, k : k + 1]
+    rows[str(names.index("t"))] = 1_000_000 * np.arange(60)[:, None]
+    assert rows.itemsize == 48
+    (tmp_path / "0.pcd").write_bytes(
+        (OUSTER + "WIDTH 60\nHEIGHT 1\nPOINTS 60\nDATA binary\n").encode() + rows.tobytes()
+    )
+    (scan,) = ScanFolder(tmp_path)
+    assert np.array_equal(scan.points, POINTS) and scan.point_times is not None
+    np.testing.assert_allclose(scan.point_times, np.arange(60) / 1000)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("COUNT 1 1 1\n", ""), ("VERSION 0.7", "VERSION .6"), ("VERSION 0.7", "VERSION 0.6"), ("FIELDS", "COLUMNS"),
+        ("POINTS 60\n", ""), ("F F F", "f f f"), ("DATA binary", "data BINARY"), ("HEIGHT 1\nPOINTS 60\n", ""),
+        ("SIZE 4 4 4\nTYPE F F F\n", ""), ("WIDTH 60\nHEIGHT 1\n", "WIDTH 7\nHEIGHT 9\n"),
+        ("SIZE 4 4 4\nTYPE F F F", "SIZE 8 8 8\nTYPE D D D"),
+    ],
+)  # fmt: skip
+def test_pcd_headers_of_old_versions_and_of_scripts(old: str, new: str, tmp_path: Path) -> None:
+    points = POINTS.astype("<f8" if "D" in new.split() else "<f4")
+    (tmp_path / "0.pcd").write_bytes(PLAIN.replace(old, new).encode() + points.tobytes())
+    assert np.array_equal(read_points(tmp_path / "0.pcd"), POINTS)
+    text = PLAIN.replace(old, new).replace("binary", "ascii").replace("BINARY", "ascii")
+    (tmp_path / "1.pcd").write_bytes(text.encode() + text_rows(POINTS))
+    assert np.allclose(read_points(tmp_path / "1.pcd"), POINTS, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason"),
+    [
+        ("COUNT 1 1 1", "COUNT 1 1 x", "'COUNT 1 1 x' must have 3 whole numbers"),
+        ("SIZE 4 4 4", "SIZE 4 4", "'SIZE 4 4' must have 3 sizes"),
+        ("TYPE F F F", "TYPE F F Q", "'TYPE F F Q' must have 3 types"),
+        ("FIELDS x y z", "FIELDS x y range", "no line FIELDS with x, y, z"),
+        ("WIDTH 60\nHEIGHT 1\nPOINTS 60\n", "", "'WIDTH' must have 1 whole number"),
+        ("POINTS 60", "POINTS -3", "'POINTS -3' must have 1 whole number"),
+        ("DATA binary", "DATA zip", "'DATA zip' must have 1 of ascii, binary"),
+    ],
+)
+def test_a_pcd_header_that_is_wrong_is_quoted(old: str, new: str, reason: str, tmp_path: Path) -> None:
+    (tmp_path / "0.pcd").write_bytes(PLAIN.replace(old, new).encode() + POINTS.tobytes())
+    with pytest.raises(UnreadableScanError, match=reason):
+        read_points(tmp_path / "0.pcd")
+
+
+def lidar_points(count: int, order: str) -> NDArray[np.float32]:
+    """Walls of a room of 12 x 8 m by a LiDAR of 16 rings, which lie turn by turn, ring by ring, or in no order."""
+    angles = np.linspace(-np.pi, np.pi, -(-count // 16))
+    rise, turn = np.meshgrid(np.deg2rad(np.linspace(-15, 15, 16)), angles, indexing="xy" if order == "turn" else "ij")
+    along = np.stack([np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)], axis=-1).reshape(-1, 3)
+    points = along * (np.array([6.0, 4.0, 1.5]) / np.maximum(np.abs(along), 1e-9)).min(axis=1)[:, None]
+    points = points + np.random.default_rng(0).normal(0, 0.01, points.shape)
+    if order == "none":
+        points = np.random.default_rng(1).permutation(points)
+    return points[:count].astype("<f4")
+
+
+@pytest.mark.parametrize("order", ["turn", "ring", "none"])
+@pytest.mark.parametrize("count", [120, 500, 6000])
+@pytest.mark.parametrize("more", ["", "shares", "bytes", "zeros", "bytes rings", "zeros rings", "shares times"])
+def test_values_a_point_of_a_bin_are_recognised(more: str, count: int, order: str, tmp_path: Path) -> None:
+    """Sizes that are whole numbers of points of 3, 4 and 5 values (60 divides 4 * 120 and the like)."""
+    points, random = lidar_points(count, order), np.random.default_rng(2)
+    columns = {
+        "shares": random.random(count), "bytes": random.integers(0, 256, count), "zeros": np.zeros(count),
+        "rings": np.arange(count) % 16, "times": np.linspace(0, 0.1, count),
+    }  # fmt: skip
+    np.column_stack([points, *(columns[name] for name in more.split())]).astype("<f4").tofile(tmp_path / "0.bin")
+    read = read_points(tmp_path / "0.bin")
+    assert len(read) == count and np.array_equal(read, points)
+
+
+def test_a_bin_of_kitti_that_is_cut_off_is_no_bin_of_other_points(tmp_path: Path) -> None:
+    whole = xyzi(lidar_points(3000, "ring")).tobytes()
+    for lost in (5 * 4, 3 * 4, 4, 60 * 4 - 4):
+        (tmp_path / "0.bin").write_bytes(whole[:-lost])
+        with pytest.raises(UnreadableScanError, match="4 float32"):
+            read_points(tmp_path / "0.bin")
 
 
 def test_ascii_pcd_may_be_spaced_freely(tmp_path: Path) -> None:

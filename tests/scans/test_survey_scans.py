@@ -45,6 +45,17 @@ def test_las_and_laz(suffix: str, timed: bool, tmp_path: Path) -> None:
     assert len(scans) == 3 and (timed or scans[0].point_times is None)
 
 
+def test_times_of_las_in_an_extra_dimension(tmp_path: Path) -> None:
+    header = laspy.LasHeader(point_format=0, version="1.4")
+    header.add_extra_dim(laspy.ExtraBytesParams(name="Scalar_GpsTime", type=np.float64))
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = POINTS.T
+    las["Scalar_GpsTime"] = SECONDS
+    las.write(tmp_path / "0.laz")
+    (scan,) = ScanFolder(tmp_path)
+    assert scan.point_times is not None and np.allclose(scan.point_times, SECONDS)
+
+
 @pytest.mark.parametrize("suffix", [".las", ".laz"])
 def test_las_cut_anywhere_is_unreadable(suffix: str, tmp_path: Path) -> None:
     write_las(tmp_path / f"a{suffix}", POINTS)
@@ -82,6 +93,47 @@ def test_e57_without_poses(tmp_path: Path) -> None:
     source = open_scans(write_e57(tmp_path / "a.e57", [POINTS, np.zeros((4, 3)), *[POINTS] * 5]))
     assert [s.T_odom_sensor for s in source] == [None] * 6
     assert [s.index for s in source.skipped] == [1]
+
+
+def write_fields(path: Path, columns: dict[str, NDArray[np.float64]], moved: list[float]) -> Path:
+    """Scans of the same fields, with poses that have a translation along x and no rotation, by libE57 itself."""
+    lib, file = pye57.libe57, pye57.E57(str(path), mode="w")
+    image = file.image_file
+    for x in moved:
+        node, pose, at, kinds = (lib.StructureNode(image) for _ in range(4))
+        for axis, value in zip("xyz", (x, 0.0, 0.0), strict=True):
+            at.set(axis, lib.FloatNode(image, value))
+        node.set("pose", pose)
+        pose.set("translation", at)
+        buffers = lib.VectorSourceDestBuffer()
+        for name, values in columns.items():
+            kinds.set(name, lib.FloatNode(image, 0.0, lib.E57_DOUBLE, -1e9, 1e9))
+            buffers.append(lib.SourceDestBuffer(image, name, values, len(values), True, True))
+        points = lib.CompressedVectorNode(image, kinds, lib.VectorNode(image, True))
+        node.set("points", points)
+        file.data3d.append(node)
+        points.writer(buffers).write(len(POINTS))
+    file.close()
+    return path
+
+
+@pytest.mark.parametrize("system", ["cartesian", "spherical"])
+def test_e57_with_times_and_poses_without_rotation(system: str, tmp_path: Path) -> None:
+    reach = np.linalg.norm(POINTS, axis=1)
+    columns = {f"cartesian{axis}": np.ascontiguousarray(POINTS[:, k]) for k, axis in enumerate("XYZ")}
+    if system == "spherical":
+        columns = {
+            "sphericalRange": reach, "sphericalAzimuth": np.arctan2(POINTS[:, 1], POINTS[:, 0]),
+            "sphericalElevation": np.arcsin(POINTS[:, 2] / reach),
+        }  # fmt: skip
+    columns |= {f"{system}InvalidState": (np.arange(300) % 100 == 0).astype(float), "timeStamp": SECONDS}
+    scans = list(open_scans(write_fields(tmp_path / "a.e57", columns, [0.0, 1.5])))
+    good = np.arange(300) % 100 != 0
+    for scan, x in zip(scans, (0.0, 1.5), strict=True):
+        np.testing.assert_allclose(scan.points, POINTS[good], atol=1e-12)
+        assert scan.dropped == 3 and scan.point_times is not None and scan.T_odom_sensor is not None
+        np.testing.assert_allclose(scan.point_times, SECONDS[good])
+        np.testing.assert_allclose(scan.T_odom_sensor, [[1, 0, 0, x], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
 
 
 def test_broken_e57_is_one_line(tmp_path: Path) -> None:
