@@ -1,0 +1,150 @@
+"""What differs between two results: plans' A-graphs, answers of matchers. Each function gives lines; none if equal."""
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+LISTED = 8  # plans, maps, files or values that are named, at most; others are counted
+Json = dict[str, Any]
+
+
+def plan_lines(old: Mapping[str, Json], new: Mapping[str, Json]) -> list[str]:
+    """Of A-graphs by plan: which plans appear or vanish, and what moved in which."""
+    lines, moved = _names("plans", old, new), 0
+    for name in old.keys() & new.keys():
+        moved += old[name] != new[name]
+    if moved:
+        lines.append(f"{moved} of {len(old)} plans moved: {_total(old, new)}")
+    for name in [n for n in old if n in new and old[n] != new[n]][:LISTED]:
+        lines += [f"{name}: {line}" for line in _plan(old[name], new[name])]
+    return lines
+
+
+def _total(old: Mapping[str, Json], new: Mapping[str, Json]) -> str:
+    def count(of: Mapping[str, Json], kind: str) -> int:
+        return sum(len(plan["graph"][kind]) for plan in of.values() if "graph" in plan)
+
+    return ", ".join(f"{kind} {count(old, kind)} -> {count(new, kind)}" for kind in ("rooms", "wall_surfaces", "doors"))
+
+
+def _plan(old: Json, new: Json) -> list[str]:
+    if "graph" not in old or "graph" not in new:
+        return [f"{_outcome(old)} -> {_outcome(new)}"]
+    lines = graph_lines(old["graph"], new["graph"])
+    return lines if old["notices"] == new["notices"] else [*lines, f"notices {old['notices']} -> {new['notices']}"]
+
+
+def _outcome(plan: Json) -> str:
+    return f"error '{plan['error']}'" if "error" in plan else f"a graph of {len(plan['graph']['rooms'])} rooms"
+
+
+def graph_lines(old: Json, new: Json) -> list[str]:
+    """Of two scene graphs: the nodes by id that appear, vanish or move, and by how much."""
+    lines = []
+    for kind in dict.fromkeys([*old, *new]):
+        before, after = old.get(kind), new.get(kind)
+        if before == after:
+            continue
+        if not all(isinstance(nodes, list) and all("id" in n for n in nodes) for nodes in (before, after)):
+            lines += json_lines(before, after, kind)
+            continue
+        known, found = ({n["id"]: n for n in nodes} for nodes in (before, after))
+        lines += _names(kind, known, found)
+        both = [(n, found[i]) for i, n in known.items() if i in found and n != found[i]]
+        if both:
+            shift = max(node_shift(a, b) for a, b in both)
+            fields = Counter(f for a, b in both for f in {*a, *b} if a.get(f) != b.get(f))
+            names = ", ".join(f"{f} {n}" for f, n in fields.most_common())
+            lines.append(f"{len(both)} {kind} changed ({names}), moved by {shift:.3g} m at most")
+        if known == found and len(known) == len(before) and list(known) != list(found):
+            lines.append(f"{kind}: another order")
+    return lines
+
+
+def node_shift(a: Json, b: Json) -> float:
+    """The largest distance in metres from a point of one node's form to the nearest one of the other's."""
+    shift = math.dist(a["centroid"], b["centroid"]) if "centroid" in a else 0.0
+    if "pose" in a:
+        shift = max(shift, math.dist(a["pose"][:3], b["pose"][:3]))
+    p, q = a.get("polygon") or (), b.get("polygon") or ()
+    if len(p) == len(q):
+        return max([shift, *map(math.dist, p, q)])
+    return max([shift, *(min(map(math.dist, [x] * len(r), r)) for o, r in ((p, q), (q, p)) if r for x in o)])
+
+
+def match_lines(old: Mapping[str, Json], new: Mapping[str, Json]) -> list[str]:
+    """Of answers by map: how statuses, motions and pairs changed."""
+    lines = _names("maps", old, new)
+    both = [(name, old[name], new[name]) for name in old if name in new and old[name] != new[name]]
+    if not both:
+        return lines
+    lines.append(f"{len(both)} of {len(old)} answers differ, first of them: {both[0][0]}")
+    table = Counter((a["status"], b["status"]) for _, a, b in both if a["status"] != b["status"])
+    lines += [f"status {before} -> {after}: {count}" for (before, after), count in table.most_common()]
+    motions = [(a["T_a_s"], b["T_a_s"]) for _, a, b in both if a["T_a_s"] and b["T_a_s"] and a["T_a_s"] != b["T_a_s"]]
+    if motions:
+        metres = sorted(math.dist(a[1:], b[1:]) for a, b in motions)
+        degrees = sorted(abs(math.degrees(math.remainder(a[0] - b[0], math.tau))) for a, b in motions)
+        lines.append(f"{len(motions)} motions moved: {_spread(metres, 'm')}; {_spread(degrees, 'degrees')}")
+    for kind in ("rooms", "wall_surfaces"):
+        gone = appeared = 0
+        confidence = 0.0
+        for _, a, b in both:
+            p, q = ({(s, t): c for s, t, c in answer[kind]} for answer in (a, b))
+            gone, appeared = gone + len(p.keys() - q.keys()), appeared + len(q.keys() - p.keys())
+            confidence = max([confidence, *(abs(p[k] - q[k]) for k in p.keys() & q.keys())])
+        if gone or appeared or confidence:
+            lines.append(f"pairs of {kind}: {gone} vanish, {appeared} appear; confidences move by {confidence:.3g}")
+    for field in ("floor", "reason", "hypotheses"):
+        if count := sum(a[field] != b[field] for _, a, b in both):
+            lines.append(f"{field}: differs in {count}")
+    return lines
+
+
+def _spread(values: Sequence[float], unit: str) -> str:
+    return f"{values[-1]:.3g} {unit} at most, median {values[len(values) // 2]:.3g}"
+
+
+def json_lines(old: Any, new: Any, where: str = "", left_out: Callable[[str], bool] = lambda path: False) -> list[str]:
+    """Of two JSON values: paths that appear, vanish or differ, and the largest change of a number."""
+    changes = [c for c in _changes(old, new, where) if not left_out(c[0])]
+    if not changes:
+        return []
+    numbers = [(abs(b - a), path, a, b) for path, a, b in changes if _is_number(a) and _is_number(b)]
+    lines = [f"{len(changes)} values differ"]
+    if numbers:
+        most, path, a, b = max(numbers, key=lambda found: found[0])
+        lines[0] += f"; the largest change of a number is {most:.3g}, {path}: {a} -> {b}"
+    others = [(path, a, b) for path, a, b in changes if not (_is_number(a) and _is_number(b))]
+    lines += [f"{path}: {_short(a)} -> {_short(b)}" for path, a, b in others[:LISTED]]
+    return lines
+
+
+def _changes(old: Any, new: Any, path: str) -> Iterator[tuple[str, Any, Any]]:
+    if isinstance(old, dict) and isinstance(new, dict):
+        for key in dict.fromkeys([*old, *new]):
+            yield from _changes(old.get(key), new.get(key), f"{path}.{key}" if path else key)
+    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        for k, (a, b) in enumerate(zip(old, new, strict=True)):
+            yield from _changes(a, b, f"{path}[{k}]")
+    elif old != new and not (old != old and new != new):  # NaN is like NaN
+        yield path, old, new
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _short(value: Any) -> str:
+    text = f"{len(value)} entries" if isinstance(value, (list, dict)) and len(value) > 3 else repr(value)
+    return text if len(text) < 120 else f"{text[:117]}..."
+
+
+def _names(kind: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    lines = []
+    for what, names in (("vanish", [n for n in old if n not in new]), ("appear", [n for n in new if n not in old])):
+        if names:
+            more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
+            lines.append(f"{len(names)} {kind} {what}: {', '.join(names[:LISTED])}{more} ({len(old)} -> {len(new)})")
+    return lines
