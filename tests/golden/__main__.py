@@ -82,9 +82,9 @@ def code_of(options: argparse.Namespace, work: Path) -> Iterator[Path]:
     if found.returncode:
         raise UserError(f"--commit {options.commit}: no such commit")
     path = work / f"code-{found.stdout.strip()[:12]}"
-    _git("worktree", "prune")
-    if not path.exists() and (done := _git("worktree", "add", "--detach", str(path), found.stdout.strip())).returncode:
-        raise UserError(f"git worktree add {path}: {runs.last_words(done)}")
+    added = None if path.exists() else _git("worktree", "add", "-f", "--detach", str(path), found.stdout.strip())
+    if added is not None and added.returncode:
+        raise UserError(f"git worktree add {path}: {runs.last_words(added)}")
     try:
         yield path
     finally:
@@ -108,7 +108,6 @@ def make_item(item: str, code: Code, out: Path, inputs: Path, reference: Path | 
         return False
     target.parent.mkdir(parents=True, exist_ok=True)
     inputs.mkdir(parents=True, exist_ok=True)
-    place = runs.Place(code.python, code.path, inputs, DATA)
     began, cpu = time.perf_counter(), _cpu_s()
     if kind == "graphs":
         code.python(worker.__file__, "graphs", name, DATA, target)
@@ -121,9 +120,9 @@ def make_item(item: str, code: Code, out: Path, inputs: Path, reference: Path | 
         code.python(worker.__file__, "matches", name, inputs / "maps", target, *known)
     else:
         if name in runs.NEEDS:
-            runs.make_drive(runs.NEEDS[name], place)
+            runs.make_drive(runs.NEEDS[name], code.python, inputs, DATA)
         shutil.rmtree(target, ignore_errors=True)
-        runs.make_run(name, place, target)
+        runs.make_run(name, code.python, inputs, DATA, target)
     times = {"wall_s": round(time.perf_counter() - began, 1), "cpu_s": round(_cpu_s() - cpu, 1)}
     done.write_text(json.dumps(times))
     print(f"  made {item}: {times['wall_s']} s, {times['cpu_s']} s of the CPU", flush=True)
@@ -184,8 +183,8 @@ def compare(options: argparse.Namespace, items: Sequence[str]) -> int:
         new.mkdir(parents=True, exist_ok=True)
         for item in known:
             try:
-                lines = [] if make_item(item, Code(path, new), new, options.out / "inputs", reference) else None
-                lines = [f"cannot be made, needs {DATA}"] if lines is None else item_lines(item, reference, new)
+                made = make_item(item, Code(path, new), new, options.out / "inputs", reference)
+                lines = item_lines(item, reference, new) if made else [f"cannot be made, needs {DATA}"]
             except UserError as error:  # a run that fails has moved
                 lines = [f"failed: {error}"]
             moved += [item] * bool(lines)

@@ -1,11 +1,13 @@
 """What differs between two results: plans' A-graphs, answers of matchers. Each function gives lines; none if equal."""
 
 import math
+import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 LISTED = 8  # plans, maps, files or values that are named, at most; others are counted
+KEYS = ("id", "GlobalId", "s_id", "a_id")  # that name the entries of a list, where they differ
 Json = dict[str, Any]
 
 
@@ -43,7 +45,8 @@ def graph_lines(old: Json, new: Json) -> list[str]:
     """Of two scene graphs: the nodes by id that appear, vanish or move, and by how much."""
     lines = []
     for kind in dict.fromkeys([*old, *new]):
-        before, after = old.get(kind), new.get(kind)
+        before: Any = old.get(kind)
+        after: Any = new.get(kind)
         if before == after:
             continue
         if not all(isinstance(nodes, list) and all("id" in n for n in nodes) for nodes in (before, after)):
@@ -106,9 +109,10 @@ def _spread(values: Sequence[float], unit: str) -> str:
     return f"{values[-1]:.3g} {unit} at most, median {values[len(values) // 2]:.3g}"
 
 
-def json_lines(old: Any, new: Any, where: str = "", left_out: Callable[[str], bool] = lambda path: False) -> list[str]:
-    """Of two JSON values: paths that appear, vanish or differ, and the largest change of a number."""
-    changes = [c for c in _changes(old, new, where) if not left_out(c[0])]
+def json_lines(old: Any, new: Any, where: str = "", left_out: re.Pattern[str] | None = None) -> list[str]:
+    """Of two JSON values: paths that appear, vanish or differ, and the largest change of a number. Paths in which
+    `left_out` is found are not compared."""
+    changes = [c for c in _changes(old, new, where) if left_out is None or not left_out.search(c[0])]
     if not changes:
         return []
     numbers = [(abs(b - a), path, a, b) for path, a, b in changes if _is_number(a) and _is_number(b)]
@@ -122,6 +126,10 @@ def json_lines(old: Any, new: Any, where: str = "", left_out: Callable[[str], bo
 
 
 def _changes(old: Any, new: Any, path: str) -> Iterator[tuple[str, Any, Any]]:
+    for key in KEYS:
+        if _has_names(old, key) and _has_names(new, key):
+            old, new = {entry[key]: entry for entry in old}, {entry[key]: entry for entry in new}
+            break
     if isinstance(old, dict) and isinstance(new, dict):
         for key in dict.fromkeys([*old, *new]):
             yield from _changes(old.get(key), new.get(key), f"{path}.{key}" if path else key)
@@ -130,6 +138,13 @@ def _changes(old: Any, new: Any, path: str) -> Iterator[tuple[str, Any, Any]]:
             yield from _changes(a, b, f"{path}[{k}]")
     elif old != new and not (old != old and new != new):  # NaN is like NaN
         yield path, old, new
+
+
+def _has_names(value: Any, key: str) -> bool:
+    """Whether a value is a list of objects, of which each has another value of this key."""
+    if not isinstance(value, list) or not all(isinstance(entry, dict) and key in entry for entry in value):
+        return False
+    return len({str(entry[key]) for entry in value}) == len(value)
 
 
 def _is_number(value: Any) -> bool:

@@ -7,10 +7,10 @@ import math
 import re
 import zipfile
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from .differences import LISTED, graph_lines, json_lines
+from .differences import graph_lines, json_lines
 
 LEFT_OUT = {
     "state.npz": "holds seconds and paths; what can be read of it is that a run resumes from it (the run `resumed`)",
@@ -52,21 +52,17 @@ def content_lines(name: str, old: bytes, new: bytes) -> list[str]:
         return _archive_lines(old, new)
     if suffix == ".json":
         a, b = json.loads(old), json.loads(new)
-        return graph_lines(a, b) if Path(name).name in GRAPHS else json_lines(a, b, "", _is_time)
+        return graph_lines(a, b) if Path(name).name in GRAPHS else json_lines(a, b, "", TIMES)
     if suffix == ".tum":
         return trajectory_lines(old.decode(), new.decode())
     if suffix == ".csv":
         return table_lines(old.decode(), new.decode())
     if suffix == ".sha256":
-        return _stamps(*(dict(line.split()[::-1] for line in text.decode().splitlines()) for text in (old, new)))
+        return table_lines(f"file,hash\n{old.decode()}", f"file,hash\n{new.decode()}")
     if suffix in TEXTS:
         return text_lines(old.decode(), new.decode())
     digests = (hashlib.sha256(content).hexdigest()[:8] for content in (old, new))
     return [f"the hash differs ({' -> '.join(digests)}), {len(old)} -> {len(new)} bytes"]
-
-
-def _is_time(path: str) -> bool:
-    return TIMES.search(path) is not None
 
 
 def _archive_lines(old: bytes, new: bytes) -> list[str]:
@@ -86,11 +82,11 @@ def trajectory_lines(old: str, new: str) -> list[str]:
     """Two TUM files, pose by pose of the same stamp."""
     known, found = _poses(old), _poses(new)
     lines = _stamps(known, found)
-    both = [(known[stamp], found[stamp]) for stamp in known if stamp in found and known[stamp] != found[stamp]]
-    if both:
+    both = [(known[stamp], found[stamp]) for stamp in known if stamp in found]
+    if moved := sum(a != b for a, b in both):
         metres = [math.dist(a[:3], b[:3]) for a, b in both]
         degrees = [_turned(a[3:], b[3:]) for a, b in both]
-        lines.append(f"{len(both)} of {len(known)} poses moved: {_most(metres, 'm')}; {_most(degrees, 'degrees')}")
+        lines.append(f"{moved} of {len(both)} poses moved: {_most(metres, 'm')}; {_most(degrees, 'degrees')}")
     return lines
 
 
@@ -134,7 +130,7 @@ def _rows(text: str) -> tuple[list[str], dict[str, list[str]]]:
     return header, {row[0] if named else f"row {k}": row for k, row in enumerate(rows)}
 
 
-def _stamps(known: dict[str, object] | dict, found: dict) -> list[str]:  # type: ignore[type-arg]
+def _stamps(known: Mapping[str, object], found: Mapping[str, object]) -> list[str]:
     gone, more = [k for k in known if k not in found], [k for k in found if k not in known]
     lines = [f"{len(gone)} of {len(known)} rows vanish, the first is {gone[0]}"] if gone else []
     return lines + ([f"{len(more)} rows appear, the first is {more[0]}"] if more else [])
@@ -145,17 +141,22 @@ def text_lines(old: str, new: str) -> list[str]:
     before, after = masked(old).splitlines(), masked(new).splitlines()
     if before == after:
         return []
-    if len(before) != len(after):
-        gone, more = Counter(before) - Counter(after), Counter(after) - Counter(before)
-        first = [line.strip()[:100] for line in [*list(gone)[:1], *list(more)[:1]]]
-        return [f"{gone.total()} lines vanish, {more.total()} appear: {' -> '.join(first)}"]
-    pairs = [(a, b) for a, b in zip(before, after, strict=True) if a != b]
-    moved, words = 0.0, [(a, b) for a, b in pairs if NUMBER.split(a) != NUMBER.split(b)]
-    for a, b in pairs:
-        if (a, b) not in words[:LISTED] and len(p := NUMBER.findall(a)) == len(q := NUMBER.findall(b)):
-            moved = max([moved, *(abs(float(x) - float(y)) for x, y in zip(p, q, strict=True))])
-    lines = [f"{len(pairs)} of {len(before)} lines differ, numbers in them by {moved:.3g} at most"]
-    return lines + [f"{a.strip()[:100]} -> {b.strip()[:100]}" for a, b in words[:2]]
+    gone, more = Counter(before) - Counter(after), Counter(after) - Counter(before)
+    lines = [f"{gone.total()} of {len(before)} lines vanish, {more.total()} appear"]
+    pairs = [pair for pair in zip(gone.elements(), more.elements(), strict=False)]
+    if len(before) == len(after) and all(NUMBER.split(a) == NUMBER.split(b) for a, b in pairs):
+        most = max(
+            (
+                abs(float(x) - float(y))
+                for a, b in pairs
+                for x, y in zip(NUMBER.findall(a), NUMBER.findall(b), strict=True)
+            ),
+            default=0.0,
+        )
+        return [f"{len(pairs)} of {len(before)} lines differ, in numbers, by {most:.3g} at most"]
+    return (
+        lines + [f"{a.strip()[:100]} -> {b.strip()[:100]}" for a, b in pairs if NUMBER.split(a) != NUMBER.split(b)][:2]
+    )
 
 
 def masked(text: str) -> str:
@@ -171,7 +172,7 @@ def settled(folder: Path, places: dict[Path, str], bulky: Callable[[Path], bool]
     for path in sorted(p for p in folder.rglob("*") if p.is_file()):
         if bulky(path):
             digest = hashlib.sha256(path.read_bytes()).hexdigest()
-            hashes.setdefault(path.parent, []).append(f"{digest} {path.name}\n")
+            hashes.setdefault(path.parent, []).append(f"{path.name},{digest}\n")
             path.unlink()
         elif path.suffix in {*TEXTS, ".json"} and not zipfile.is_zipfile(path):
             text = path.read_text()

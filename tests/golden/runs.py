@@ -3,7 +3,6 @@
 import shutil
 import subprocess
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 from .folders import settled
@@ -43,61 +42,47 @@ run_command(main)
 """
 
 
-@dataclass(frozen=True)
-class Place:
-    """Where the runs find what they need: `python` runs Python with the measured code, with arguments and an expected
-    exit code; `code`, its folder; `inputs`, the drives; `data`, the public data."""
-
-    python: Callable[..., None]
-    code: Path
-    inputs: Path
-    data: Path
+Python = Callable[..., None]  # runs Python with the measured code: its arguments, and `code`, the expected exit code
 
 
-def make_drive(name: str, place: Place) -> None:
-    """Writes one of DRIVES, or the scans `e1r`, unless it is there."""
-    out, part = place.inputs / name, place.inputs / f"{name}.part"
+def make_drive(name: str, python: Python, inputs: Path, data: Path) -> None:
+    """Writes one of DRIVES, or the scans `e1r`, to the folder of the inputs, unless it is there."""
+    out, part, demo = inputs / name, inputs / f"{name}.part", inputs / DEMO
     if out.exists():
         return
     shutil.rmtree(part, ignore_errors=True)
-    building = place.data / INSTITUTE if name == "institute" else place.inputs / DEMO
     if name == "e1r":
-        place.python(place.data / E1R / "unpack.py", part)
+        python(data / E1R / "unpack.py", part)
     else:
-        if not building.exists():
-            place.python("-m", "data.generation.demo_building", "--out", building)
-        place.python("-m", "sgslam", "simulate", "--bim", building, "--out", part, *DRIVES[name])
+        if not demo.exists():
+            python("-m", "data.generation.demo_building", "--out", demo)
+        building = data / INSTITUTE if name == "institute" else demo
+        python("-m", "sgslam", "simulate", "--bim", building, "--out", part, *DRIVES[name])
     part.rename(out)
 
 
-def make_run(name: str, place: Place, out: Path) -> None:
+def make_run(name: str, python: Python, inputs: Path, data: Path, out: Path) -> None:
     """Runs one of RUNS into the folder `out`, and makes its files comparable."""
-    drive = place.inputs / NEEDS.get(name, name)
-    scans, truth = ("--scan-dir", drive / "scans"), ("--ground-truth", drive / "truth.tum")
-    building, into = ("--bim", place.inputs / DEMO), ("--out", out)
-    run = ("-m", "sgslam.run")
+    drive, building = inputs / NEEDS.get(name, name), data / INSTITUTE if name == "institute" else inputs / DEMO
+    run, into = ("-m", "sgslam.run"), ("--out", out)
+    given = ("--bim", building, "--ground-truth", drive / "truth.tum", *into)
+    scans = ("--scan-dir", drive / "scans")
     if name == "demo":
-        place.python(*run, "--demo", *into)
-    elif name == "institute":
-        place.python(*run, *scans, "--bim", place.data / INSTITUTE, *truth, *into)
-    elif name == "effects":
-        place.python(*run, *scans, *building, *truth, *into)
-    elif name == "imu":
-        place.python(*run, *scans, *building, *truth, *into, "--imu", drive / "scans" / "imu.csv")
-    elif name == "live":
-        place.python("-m", "sgslam", "live", drive / "scans", *building, *truth, *into, "--idle", "10")
-    elif name == "resumed":
-        place.python("-c", INTERRUPTED, *scans, *building, *truth, *into, code=2)
-        place.python(*run, "--resume", out)
+        python(*run, "--demo", *into)
+    elif name == "vlp16":
+        python(*run, "--scan-dir", data / VLP16, *into)
     elif name == "e1r":
-        plan = place.data / E1R
-        place.python(
-            *run, "--scan-dir", drive, "--bim", plan / "plan.geojson", "--ground-truth", plan / "truth.tum", *into
-        )
+        plan, truth = data / E1R / "plan.geojson", data / E1R / "truth.tum"
+        python(*run, "--scan-dir", drive, "--bim", plan, "--ground-truth", truth, *into)
+    elif name == "live":
+        python("-m", "sgslam", "live", drive / "scans", *given, "--idle", "10")
+    elif name == "resumed":
+        python("-c", INTERRUPTED, *scans, *given, code=2)
+        python(*run, "--resume", out)
     else:
-        place.python(*run, "--scan-dir", place.data / VLP16, *into)
-    names = {out: "OUT", place.inputs: "INPUTS", place.data: "DATA", place.code: "CODE"}
-    settled(out, names, lambda path: path.parent.name == "scans")
+        imu = ("--imu", drive / "scans" / "imu.csv") if name == "imu" else ()
+        python(*run, *scans, *given, *imu)
+    settled(out, {out: "OUT", inputs: "INPUTS", data: "DATA"}, lambda path: path.parent.name == "scans")
 
 
 def last_words(done: subprocess.CompletedProcess[str]) -> str:

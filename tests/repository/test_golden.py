@@ -56,7 +56,7 @@ def test_poses_are_compared_by_stamp() -> None:
     ]
     turned = [*POSES[:2], "0.3 2 0 0.5 0 0 1 0"]
     said = content_lines("trajectory.tum", text, "\n".join(turned).encode())
-    assert said == ["1 of 3 poses moved: 0.5 m at most, RMS 0.5; 180 degrees at most, RMS 180"]
+    assert said == ["1 of 3 poses moved: 0.5 m at most, RMS 0.289; 180 degrees at most, RMS 104"]
     table = b"stamp_s,health\n0.1,good\n0.2,good\n"
     assert content_lines("a.csv", table, b"stamp_s,health\n0.2,lost\n") == [
         "1 of 2 rows vanish, the first is 0.1", "health: 1 of 2 cells differ"
@@ -81,7 +81,7 @@ def test_folders_are_equal_but_for_times(tmp_path: Path) -> None:
     assert said[:1] == ["more.txt: is new"] and "anchored: True -> False" in said[2]
     assert said[1] == "metrics.json: 2 values differ; the largest change of a number is 0.25, rmse: 0.1 -> 0.35"
     assert said[3].startswith("part/clouds.bin: the hash differs") and len(said) == 5
-    assert said[4] == "run.log: 1 of 1 lines differ, numbers in them by 2 at most"
+    assert said[4] == "run.log: 1 of 1 lines differ, in numbers, by 2 at most"
 
 
 def test_mistakes_are_one_line(tmp_path: Path) -> None:
