@@ -29,7 +29,7 @@ from .differences import match_lines, plan_lines
 from .folders import folder_lines
 
 ROOT = Path(__file__).resolve().parents[2]
-DATA = ROOT.parent / "shared" / "data"
+DATA = (ROOT.parent / "shared" / "data").resolve()
 METHODS = ("learned", "voting", "paper", "pca-gm", "superglue", "combinatorial", "combinatorial-grid")
 ITEMS = (
     *(f"graphs/{name}" for name in worker.SETS), *(f"matches/{name}" for name in METHODS),

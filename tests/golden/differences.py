@@ -13,21 +13,30 @@ Json = dict[str, Any]
 
 def plan_lines(old: Mapping[str, Json], new: Mapping[str, Json]) -> list[str]:
     """Of A-graphs by plan: which plans appear or vanish, and what moved in which."""
-    lines, moved = _names("plans", old, new), 0
-    for name in old.keys() & new.keys():
-        moved += old[name] != new[name]
-    if moved:
-        lines.append(f"{moved} of {len(old)} plans moved: {_total(old, new)}")
-    for name in [n for n in old if n in new and old[n] != new[n]][:LISTED]:
+    lines, moved = _names("plans", old, new), [name for name in old if name in new and old[name] != new[name]]
+    if not moved:
+        return lines
+    counts = [
+        f"{kind} {_count(old, kind)} -> {_count(new, kind)}" for kind in ("rooms", "wall_surfaces", "doors", "floors")
+    ]
+    most, where = max((_shift(old[name], new[name]), name) for name in moved)
+    lines.append(f"{len(moved)} of {len(old)} plans moved, by {most:.3g} m at most ({where}): {', '.join(counts)}")
+    for name in moved[:LISTED]:
         lines += [f"{name}: {line}" for line in _plan(old[name], new[name])]
     return lines
 
 
-def _total(old: Mapping[str, Json], new: Mapping[str, Json]) -> str:
-    def count(of: Mapping[str, Json], kind: str) -> int:
-        return sum(len(plan["graph"][kind]) for plan in of.values() if "graph" in plan)
+def _count(plans: Mapping[str, Json], kind: str) -> int:
+    return sum(len(plan["graph"][kind]) for plan in plans.values() if "graph" in plan)
 
-    return ", ".join(f"{kind} {count(old, kind)} -> {count(new, kind)}" for kind in ("rooms", "wall_surfaces", "doors"))
+
+def _shift(old: Json, new: Json) -> float:
+    """By how far the nodes that both graphs have moved, at most."""
+    shifts = [0.0]
+    for kind in ("rooms", "wall_surfaces", "doors"):
+        known, found = ({n["id"]: n for n in plan.get("graph", {}).get(kind, ())} for plan in (old, new))
+        shifts += [node_shift(known[name], found[name]) for name in known.keys() & found.keys()]
+    return max(shifts)
 
 
 def _plan(old: Json, new: Json) -> list[str]:

@@ -142,21 +142,15 @@ def text_lines(old: str, new: str) -> list[str]:
     if before == after:
         return []
     gone, more = Counter(before) - Counter(after), Counter(after) - Counter(before)
-    lines = [f"{gone.total()} of {len(before)} lines vanish, {more.total()} appear"]
-    pairs = [pair for pair in zip(gone.elements(), more.elements(), strict=False)]
-    if len(before) == len(after) and all(NUMBER.split(a) == NUMBER.split(b) for a, b in pairs):
-        most = max(
-            (
-                abs(float(x) - float(y))
-                for a, b in pairs
-                for x, y in zip(NUMBER.findall(a), NUMBER.findall(b), strict=True)
-            ),
-            default=0.0,
-        )
-        return [f"{len(pairs)} of {len(before)} lines differ, in numbers, by {most:.3g} at most"]
-    return (
-        lines + [f"{a.strip()[:100]} -> {b.strip()[:100]}" for a, b in pairs if NUMBER.split(a) != NUMBER.split(b)][:2]
-    )
+    pairs = list(zip(gone.elements(), more.elements(), strict=False))
+    others = [(a, b) for a, b in pairs if NUMBER.split(a) != NUMBER.split(b)]
+    if gone.total() == more.total() and not others:
+        numbers = [zip(NUMBER.findall(a), NUMBER.findall(b), strict=True) for a, b in pairs]
+        most = max((abs(float(x) - float(y)) for line in numbers for x, y in line), default=0.0)
+        how = f"differ, in numbers, by {most:.3g} at most" if pairs else "differ, but for their order"
+        return [f"{len(pairs)} of {len(before)} lines {how}"]
+    shown = [f"{a.strip()[:100]} -> {b.strip()[:100]}" for a, b in others[:2]]
+    return [f"{gone.total()} of {len(before)} lines vanish, {more.total()} appear", *shown]
 
 
 def masked(text: str) -> str:
