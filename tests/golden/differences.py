@@ -75,14 +75,12 @@ def graph_lines(old: Json, new: Json) -> list[str]:
 
 
 def node_shift(a: Json, b: Json) -> float:
-    """The largest distance in metres from a point of one node's form to the nearest one of the other's."""
-    shift = math.dist(a["centroid"], b["centroid"]) if "centroid" in a else 0.0
-    if "pose" in a:
-        shift = max(shift, math.dist(a["pose"][:3], b["pose"][:3]))
+    """By how far a node moved, in metres: its centroid, its pose, a polygon's corners from the nearest of the other."""
+    shifts = [math.dist(a[key][:3], b[key][:3]) for key in ("centroid", "pose") if key in a]
     p, q = a.get("polygon") or (), b.get("polygon") or ()
-    if len(p) == len(q):
-        return max([shift, *map(math.dist, p, q)])
-    return max([shift, *(min(map(math.dist, [x] * len(r), r)) for o, r in ((p, q), (q, p)) if r for x in o)])
+    for some, others in ((p, q), (q, p)):
+        shifts += [min(math.dist(corner, other) for other in others) for corner in some if others]
+    return max(shifts, default=0.0)
 
 
 def match_lines(old: Mapping[str, Json], new: Mapping[str, Json]) -> list[str]:
