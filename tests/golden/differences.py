@@ -1,5 +1,6 @@
 """What differs between two results: plans' A-graphs, answers of matchers. Each function gives lines; none if equal."""
 
+import json
 import math
 import re
 from collections import Counter
@@ -16,18 +17,28 @@ def plan_lines(old: Mapping[str, Json], new: Mapping[str, Json]) -> list[str]:
     lines, moved = _names("plans", old, new), [name for name in old if name in new and old[name] != new[name]]
     if not moved:
         return lines
-    counts = [
-        f"{kind} {_count(old, kind)} -> {_count(new, kind)}" for kind in ("rooms", "wall_surfaces", "doors", "floors")
-    ]
+    counts = [_count(old, new, kind) for kind in ("rooms", "wall_surfaces", "doors")]
     most, where = max((_shift(old[name], new[name]), name) for name in moved)
-    lines.append(f"{len(moved)} of {len(old)} plans moved, by {most:.3g} m at most ({where}): {', '.join(counts)}")
+    lines.append(
+        f"{len(moved)} of {len(old)} plans moved, nodes of one id by {most:.3g} m at most ({where}): {', '.join(counts)}"
+    )
     for name in moved[:LISTED]:
         lines += [f"{name}: {line}" for line in _plan(old[name], new[name])]
     return lines
 
 
-def _count(plans: Mapping[str, Json], kind: str) -> int:
-    return sum(len(plan["graph"][kind]) for plan in plans.values() if "graph" in plan)
+def _count(old: Mapping[str, Json], new: Mapping[str, Json], kind: str) -> str:
+    """The number of nodes, and how many vanish and appear if equal ones with other ids are the same."""
+    known, found = (
+        Counter(
+            json.dumps([name, {**node, "id": ""}])
+            for name, plan in plans.items()
+            for node in plan.get("graph", {}).get(kind, ())
+        )
+        for plans in (old, new)
+    )
+    forms = f"{(known - found).total()} vanish, {(found - known).total()} appear"
+    return f"{kind} {known.total()} -> {found.total()} (whatever the ids: {forms})"
 
 
 def _shift(old: Json, new: Json) -> float:
