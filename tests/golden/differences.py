@@ -19,9 +19,7 @@ def plan_lines(old: Mapping[str, Json], new: Mapping[str, Json]) -> list[str]:
         return lines
     counts = [_count(old, new, kind) for kind in ("rooms", "wall_surfaces", "doors")]
     most, where = max((_shift(old[name], new[name]), name) for name in moved)
-    lines.append(
-        f"{len(moved)} of {len(old)} plans moved, nodes of one id by {most:.3g} m at most ({where}): {', '.join(counts)}"
-    )
+    lines.append(f"{len(moved)} of {len(old)} plans moved, by id {most:.3g} m at most ({where}): {', '.join(counts)}")
     for name in moved[:LISTED]:
         lines += [f"{name}: {line}" for line in _plan(old[name], new[name])]
     return lines
