@@ -64,7 +64,7 @@ class E57Scans(ScanSource):
             raise UnreadableScanError(f"a broken scan ({_line(error)})") from None
         pose = None if self._poses is None else self._poses[index]
         assert self.stamps_ns is not None
-        return finished(index, int(self.stamps_ns[index]), points, raw.get("timeStamp"), self.path, pose)
+        return finished(index, int(self.stamps_ns[index]), points, raw.get("timeStamp"), self.path, pose, self.stamped)
 
 
 def _opened(path: Path) -> Any:

@@ -37,6 +37,8 @@ class ScanFolder(ScanSource):
         files = _list_scans(self.path)
         self.files, stamps, self.note = _order_and_stamps(self.path, files)
         self.stamps_ns = np.array(stamps, dtype=np.int64)
+        if _is_kitti(self.path):
+            self.stamped = "middle"  # when the LiDAR faces forward and the cameras are triggered
         check_interval(stamps, str(self.path))
         if unusable(stamps) > WORST_SHARE_SKIPPED * len(stamps):
             check_increasing(self.stamps_ns, str(self.path), [f"'{f.name}'" for f in self.files])
@@ -54,7 +56,7 @@ class ScanFolder(ScanSource):
     def _read(self, index: int) -> Scan:
         stamp_ns = int(self.stamps_ns[index])
         points, times = read_timed(self.files[index])
-        return finished(index, stamp_ns, points, times, self.files[index])
+        return finished(index, stamp_ns, points, times, self.files[index], stamped=self.stamped)
 
 
 def _list_scans(path: Path) -> list[Path]:
@@ -72,6 +74,12 @@ def _list_scans(path: Path) -> list[Path]:
         found = ", ".join(f"{count} {suffix}" for suffix, count in sorted(formats.items()))
         raise UserError(f"{path}: scans of mixed formats ({found}); leave one format in the folder")
     return sorted(files, key=lambda f: natural_key(f.name))
+
+
+def _is_kitti(path: Path) -> bool:
+    """Whether the folder lies in one of KITTI's sequences: `velodyne`, beside the calibration and the stamps."""
+    beside = path.resolve().parent
+    return path.resolve().name == "velodyne" and all((beside / name).is_file() for name in ("calib.txt", "times.txt"))
 
 
 def _where_else(path: Path) -> str:

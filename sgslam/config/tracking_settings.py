@@ -90,6 +90,9 @@ class TrackingSettings(Settings):
     point_times: Literal["auto", "snapshot", "order"] = "auto"
     """point times of scans that have none: `snapshot` is one instant, `order` follows the points' order, `auto` decides
     while tracking"""
+    stamp: Literal["auto", "start", "middle", "end"] = "auto"
+    """the instant of a scan that its stamp names, and that its pose is of; `auto` is what the format fixes, else the
+    start"""
     gravity_after: float = Field(4.0, gt=0)
     """s, minimum time until the direction of gravity is taken as known; scans wait until then"""
     gravity_until: float = Field(10.0, gt=0)

@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from data.scans.point_times import BEFORE_STAMP, Stamped
 from sgslam.geometry.frames import inverse, squared_up
 from sgslam.odometry.base import Odometry, State
 from sgslam.perception.point_times import Rule, even_times, guessed_times
@@ -35,8 +36,12 @@ class TimedOdometry:
     are all replaced by those of the other one.
     """
 
-    def __init__(self, make: Callable[[], Odometry], point_times: Literal["auto", "snapshot", "order"]) -> None:
-        self._make = make
+    def __init__(
+        self, make: Callable[[], Odometry], point_times: Literal["auto", "snapshot", "order"],
+        stamped: Stamped = "start",
+    ) -> None:  # fmt: skip
+        """`stamped` is the instant of a scan that its stamp names; all points of a snapshot are of that instant."""
+        self._make, self._before_stamp = make, BEFORE_STAMP[stamped]
         kinds: tuple[Kind, ...] = ("snapshot", "order") if point_times == "auto" else (point_times,)
         self._odometries = {kind: make() for kind in kinds}
         self._best: Kind = kinds[0]
@@ -140,13 +145,14 @@ class TimedOdometry:
         """The times of points (N, 3), and whether their order gives them; where not, they are those of a sensor that
         does not turn once around, if it is one, or all are the scan's middle."""
         duration_s = self._duration_s if np.isfinite(self._duration_s) else _DURATION
+        began = -self._before_stamp * duration_s
         found = guessed_times(points, duration_s)
         if found is not None:
             self._rule = found.rule
-            return found.seconds, True
+            return began + found.seconds, True
         if self._rule == "index":  # a close wall hides that it soon covers the whole field of view
-            return even_times(len(points), duration_s), False
-        return np.full(len(points), duration_s / 2), False
+            return began + even_times(len(points), duration_s), False
+        return np.full(len(points), began + duration_s / 2), False
 
     def _moves(self, results: dict[Kind, Registration], interval_s: float) -> bool:
         """Whether the sensor moves, as either odometry has it: one that has failed may well stand still."""
