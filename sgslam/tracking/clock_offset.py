@@ -78,6 +78,8 @@ class ClockOffset(Stateful):
         """How much later the other clock is, and the standard deviation of that; None where the motion does not show
         it."""
         squares, best = self._squares, int(np.argmin(self._squares))
+        if self._count < len(squares):  # one of so many offsets may fit so few scans by chance
+            return None
         if not 0 < best < len(squares) - 1 or squares[best] > _RELATED * squares.mean():
             return None
         slope = (squares[best + 1] - squares[best - 1]) / (2 * _STEP_S)
