@@ -15,7 +15,7 @@ _STEP_S = 0.01  # s between the offsets that are compared; a hand's turns change
 _OFFSETS_S = _STEP_S * np.arange(-30, 31)
 _LONGEST_NS = round(1e9 * _OFFSETS_S[-1])
 _LEAST_S = 0.01  # s; what a smaller offset does to a hand-held map is below 1 cm
-_SIGMAS, _SURE_S = 3.0, 0.001  # standard deviations by which an offset must be larger, and s, the largest of these
+_SIGMAS = 5.0  # standard deviations by which an offset must be larger; it is looked at after every scan
 _RELATED = 0.25  # squared difference at the best offset, over the mean of all; unrelated motions differ alike at all
 
 
@@ -91,8 +91,9 @@ class ClockOffset(Stateful):
 
     def _judge(self, name: str) -> None:
         found = self.offset_s()
-        if found is None or found[1] > _SURE_S or abs(found[0]) < _LEAST_S + _SIGMAS * found[1]:
+        if found is None or abs(found[0]) < _LEAST_S + _SIGMAS * found[1]:
             return
         side = "ahead of" if found[0] > 0 else "behind"
-        self.advice = f"the clock of {name} is {1e3 * abs(found[0]):.0f} ms {side} the scans' stamps; check --stamp"
+        far = f"about {1e3 * abs(found[0]):.0f} ms {side}"
+        self.advice = f"the clock of {name} is {far} the scans' stamps; check --stamp"
         _log.warning("%s", self.advice)
