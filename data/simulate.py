@@ -19,7 +19,6 @@ import numpy as np
 
 from data.common.cli import Parser, run_command
 from data.plans.mesh_files import MESH_SUFFIXES
-from data.scans.point_times import BEFORE_STAMP
 from data.scans.writers import SCAN_WRITERS
 from data.simulation import Changes
 from data.simulation.carriers import CARRIERS, carrier_named
@@ -71,7 +70,7 @@ def _parser() -> argparse.ArgumentParser:
         help="roll, pitch and yaw in degrees of the sensor on its carrier (default 0,0,0; upside down: 180,0,0)")
     add("--sensor", default="VLP-16", metavar="NAME", help=f"{', '.join(SENSORS)} (default VLP-16)")
     add("--imu", metavar="NAME", help=f"simulate an IMU as well, in scans/imu.csv: {', '.join(IMUS)} (default none)")
-    add("--stamp", choices=BEFORE_STAMP, default="start",
+    add("--stamp", choices=("start", "middle", "end"), default="start",
         help="the instant of a scan that its stamp names (default start)")
     add("--azimuths", type=int, metavar="N", help="azimuth steps per turn of a spinning sensor (default: the sensor's)")
     add("--effects", type=_names, nargs="+", default=[], metavar="LIST", help="comma-separated names; see below")

@@ -70,11 +70,10 @@ class SceneGraphSlam:
         """Adds one scan: its stamp in nanoseconds and its points (N, 3) in metres, in the sensor frame. They may also
         be a point cloud of Open3D.
 
-        `point_times` (N,) are the seconds after the stamp at which the points were measured; without them the settings
-        `tracking.point_times` and `tracking.stamp` count. `T_odom_sensor` (4, 4), if given, replaces the odometry for
-        this scan, or is an additional measurement for it, depending on the setting `odometry.given`;
-        `step_covariance` (6, 6) is that of its motion since the previous scan, rotation (rad) first, in the sensor's
-        axes (default: from the settings).
+        `point_times` (N,) are the seconds after the stamp at which the points were measured; without them the setting
+        `tracking.point_times` counts. `T_odom_sensor` (4, 4), if given, replaces the odometry for this scan, or
+        is an additional measurement for it, depending on the setting `odometry.given`; `step_covariance` (6, 6) is that
+        of its motion since the previous scan, rotation (rad) first, in the sensor's axes (default: from the settings).
         Raises UserError for stamps that do not increase, points or times that are not finite, a `T_odom_sensor` that is
         not a rigid motion, and a `step_covariance` that is not a covariance; the run continues without that scan.
 

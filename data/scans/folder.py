@@ -37,7 +37,8 @@ class ScanFolder(ScanSource):
         files = _list_scans(self.path)
         self.files, stamps, self.note = _order_and_stamps(self.path, files)
         self.stamps_ns = np.array(stamps, dtype=np.int64)
-        if _is_kitti(self.path):
+        kitti = self.path.resolve()
+        if kitti.name == "velodyne" and all((kitti.parent / name).is_file() for name in ("calib.txt", "times.txt")):
             self.stamped = "middle"  # when the LiDAR faces forward and the cameras are triggered
         check_interval(stamps, str(self.path))
         if unusable(stamps) > WORST_SHARE_SKIPPED * len(stamps):
@@ -74,12 +75,6 @@ def _list_scans(path: Path) -> list[Path]:
         found = ", ".join(f"{count} {suffix}" for suffix, count in sorted(formats.items()))
         raise UserError(f"{path}: scans of mixed formats ({found}); leave one format in the folder")
     return sorted(files, key=lambda f: natural_key(f.name))
-
-
-def _is_kitti(path: Path) -> bool:
-    """Whether the folder lies in one of KITTI's sequences: `velodyne`, beside the calibration and the stamps."""
-    beside = path.resolve().parent
-    return path.resolve().name == "velodyne" and all((beside / name).is_file() for name in ("calib.txt", "times.txt"))
 
 
 def _where_else(path: Path) -> str:

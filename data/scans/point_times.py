@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-Stamped = Literal["start", "middle", "end"]  # the instant of a scan that its stamp names
-BEFORE_STAMP: dict[Stamped, float] = {"start": 0.0, "middle": 0.5, "end": 1.0}  # share of a scan
+Stamped = Literal["auto", "start", "middle", "end"]  # the instant of a scan that its stamp names; auto: unknown
+BEFORE_STAMP: dict[Stamped, float] = {"auto": 0.0, "start": 0.0, "middle": 0.5, "end": 1.0}  # share of a scan
 # Ouster: t; Velodyne: time; Hesai, RoboSense, Livox: timestamp; Livox: offset_time; others' spellings of these
 TIME_FIELDS = (
     "t", "time", "timestamp", "offset_time", "time_stamp", "timestamps", "time_offset", "gps_time", "point_time_offset",

@@ -10,19 +10,18 @@ from data.scans.point_times import Stamped
 from data.scans.scan import ScanSource
 
 
-def open_scans(path: Path | str, topic: str | None = None, stamped: Stamped | None = None) -> ScanSource:
+def open_scans(path: Path | str, topic: str | None = None, stamped: Stamped = "auto") -> ScanSource:
     """Opens the scans of a folder, a bag, an E57 file, or `evalio:DATASET/SEQUENCE`; in a bag, those of one `topic`,
-    which is chosen automatically if None. `stamped` is the instant of a scan that its stamp names; by default what the
+    which is chosen automatically if None. `stamped` is the instant of a scan that its stamp names; `auto` is what the
     format fixes, else the start.
 
     Raises UserError if there are none, and if a `topic` is given for anything but a bag.
     """
     source = _opened(path, topic)
-    if stamped is not None:
+    if stamped != "auto":
         source.stamped = stamped
     elif source.stamped != "start":
-        assumed = f"stamps are taken as those of each scan's {source.stamped}, as in KITTI; --stamp says otherwise"
-        source.note = assumed if source.note is None else f"{source.note}; {assumed}"
+        source.note = f"stamps are taken as those of each scan's {source.stamped}, as in KITTI; --stamp says otherwise"
     return source
 
 

@@ -49,7 +49,7 @@ def set_up(
     )
 
 
-def check(out: Path, setup: Setup, seed: int, seconds: float | None, stamped: Stamped = "start") -> None:
+def check(out: Path, setup: Setup, seed: int, seconds: float | None, stamped: Stamped) -> None:
     """Raises UserError for what cannot be."""
     scan_format = setup.scan_format
     if scan_format not in SCAN_WRITERS:
@@ -72,14 +72,13 @@ def check(out: Path, setup: Setup, seed: int, seconds: float | None, stamped: St
 
 
 def settings_of(
-    ifc: Path | str, carrier: Carrier, setup: Setup, mount_deg: tuple[float, float, float], imu: str | None,
-    stamped: Stamped,
-) -> Settings:  # fmt: skip
+    ifc: Path | str, carrier: Carrier, setup: Setup, mount_deg: tuple[float, float, float], imu: str | None
+) -> Settings:
     """How the run was made, for run.json."""
     settings: Settings = {
         "bim": Path(ifc).name, "sensor": described(setup.sensor), "robot": asdict(setup.robot),
         "sensor_height_m": setup.height, "rolling": setup.timing != "snapshots",
         "times_told": setup.timing == "rolling", "carrier": carrier.name, "mount_deg": list(mount_deg),
-        "effects": sorted(setup.effects), "stamp": stamped,
+        "effects": sorted(setup.effects),
     }  # fmt: skip
     return settings if imu is None else settings | {"imu": imu}

@@ -87,11 +87,6 @@ class Taken:
     imu: ImuModel | None = None
     stamped: Stamped = "start"
 
-    @property
-    def _before_stamp(self) -> float:
-        """Seconds from a scan's start to its stamp."""
-        return BEFORE_STAMP[self.stamped] / self.sensor.rate
-
     @cached_property
     def _mount(self) -> Array:
         if not any(self.mount_deg):
@@ -108,7 +103,7 @@ class Taken:
         count = int(self.motion.duration * rate) + 1
         if seconds is not None:
             count = min(count, max(1, int(np.ceil(seconds * rate - 1e-9))))
-        stamps = np.arange(count) / rate + self._before_stamp
+        stamps = (np.arange(count) + BEFORE_STAMP[self.stamped]) / rate
         if self.timing == "snapshots" or self.stamped != "start":
             T_bim_sensor = self.motion.poses(stamps) @ self._mount
         else:
@@ -132,7 +127,8 @@ class Taken:
             return snapshot(self.sensor, world.at(stamp, chance), T_bim_sensor, rng, k), None
         scene = world.at(stamp + self.sensor.rays(k)[1], chance)
         points, times = moving_scan(self.sensor, scene, self._poses(k), rng, k)
-        return points, times - np.float32(self._before_stamp) if self.timing == "rolling" else None
+        after = times - np.float32(BEFORE_STAMP[self.stamped] / self.sensor.rate)
+        return points, after if self.timing == "rolling" else None
 
     def _poses(self, k: int, first: int | None = None) -> Array:
         """(M, 4, 4) T_bim_sensor at the first instants, or all, at which scan k measures."""

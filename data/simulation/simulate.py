@@ -65,10 +65,10 @@ def simulate(
     R_carrier_sensor = Rz(yaw) Ry(pitch) Rx(roll). `changes` are made to the building, not to its plan, and need a drive
     on one storey. With `and_back`, the whole route is then driven in reverse, so that every place is seen twice.
     `effects` are names of `data.simulation.effects`. In a rolling scan, the sensor moves while it measures: the scan's
-    stamp and true pose are those of its first ray, or of the instant that `stamped` names. By default, `robot` and
-    `sensor_height` are the carrier's, and `scan_format` is `bin` (`ply` for points with times). `imu`
-    names a class of inertial measurement units (`data.simulation.imu`); the samples of one in the sensor are written
-    to `imu.csv` beside the scans. The same seed gives the same bytes.
+    stamp and true pose are those of its first ray, or of the instant `stamped`. By default, `robot` and `sensor_height`
+    are the carrier's, and `scan_format` is `bin` (`ply` for points with times). `imu` names a class of inertial
+    measurement units (`data.simulation.imu`); the samples of one in the sensor are written to `imu.csv` beside the
+    scans. The same seed gives the same bytes.
 
     Raises UserError for an unreadable IFC file, an unknown storey or one on which the robot cannot move, storeys
     without stairs that it can climb, an `out_dir` that is not empty, and impossible settings.
@@ -86,7 +86,7 @@ def simulate(
     motion = carrier.motion(drive, models[0].level, setup.height, seed)
     taken = Taken(setup.sensor, motion, mount_deg, setup.timing, setup.unit, stamped)
     run = _driven(out, models, way, taken, seed, seconds)
-    settings = settings_of(ifc, carrier, setup, mount_deg, imu, stamped)
+    settings = settings_of(ifc, carrier, setup, mount_deg, imu)
     write_run(run, taken, _world(way, run, taken, setup, seed), setup.scan_format, settings, ifc)
     return run
 

@@ -21,7 +21,7 @@ from data.trajectory.readers import PoseList, read_poses
 
 def open_slam_output(
     path: Path, scans: Path | None = None, topic: str | None = None, cloud: Path | None = None,
-    times: Path | None = None, stamped: Stamped | None = None,
+    times: Path | None = None, stamped: Stamped = "auto",
 ) -> ScanSource:  # fmt: skip
     """Opens a file of poses (a factor graph as `.g2o` is one too), KISS-SLAM's folder or GLIM's dump.
 

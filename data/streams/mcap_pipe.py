@@ -41,9 +41,7 @@ class McapPipe(ScanStream):
             try:
                 cloud = read_cloud(record.data, record.msgtype, record.is_cdr)
                 stamp_ns = cloud.stamp_ns or record.log_ns
-                scan = finished(
-                    index - 1, stamp_ns, cloud.points, cloud.times, self.path, stamped=self.stamped
-                )  # fmt: skip
+                scan = finished(index - 1, stamp_ns, cloud.points, cloud.times, self.path, stamped=self.stamped)
             except UnreadableScanError as error:
                 self._skip(index - 1, self.path, str(error))
                 continue

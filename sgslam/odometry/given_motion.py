@@ -49,11 +49,6 @@ class GivenMotion(Stateful):
         for values in (self._stamps_ns, self._poses, self._variances):
             del values[:old]  # type: ignore[attr-defined]
 
-    @property
-    def newest_ns(self) -> int | None:
-        """The stamp of the newest pose; None before the first."""
-        return self._stamps_ns[-1] if self._stamps_ns else None
-
     def turned(self, begin_ns: int, end_ns: int) -> tuple[NDArray[np.int64], Floats] | None:
         """The stamps (N,) of the poses from before a time to after another, and the sum (N, 3) of all turns until each,
         rad; None where there is a gap."""

@@ -17,6 +17,7 @@ from sgslam.registration.motion_prior import velocity_between
 
 Floats = NDArray[np.float64]
 Kind = Literal["snapshot", "order"]
+Kinds = Literal["auto", "snapshot", "order"]
 _log = logging.getLogger(__name__)
 _DURATION = 0.1  # s, of a scan, until a second one shows the interval; most sensors turn ten times a second
 _MOVING, _TURNING = 0.3, 0.3  # m/s and rad/s; slower, a scan looks alike either way
@@ -33,14 +34,10 @@ class TimedOdometry:
     Where they are not given, two odometries run side by side until the motion decides: one takes scans as snapshots,
     one with times guessed from the order of their points. The right one finds more points, nearer to its surfaces.
     Poses are those of the better one so far, and do not jump when that changes; but while results are held back, they
-    are all replaced by those of the other one.
+    are all replaced by those of the other one. All points of a snapshot are of the instant `stamped`.
     """
 
-    def __init__(
-        self, make: Callable[[], Odometry], point_times: Literal["auto", "snapshot", "order"],
-        stamped: Stamped = "start",
-    ) -> None:  # fmt: skip
-        """`stamped` is the instant of a scan that its stamp names; all points of a snapshot are of that instant."""
+    def __init__(self, make: Callable[[], Odometry], point_times: Kinds, stamped: Stamped = "auto") -> None:
         self._make, self._before_stamp = make, BEFORE_STAMP[stamped]
         kinds: tuple[Kind, ...] = ("snapshot", "order") if point_times == "auto" else (point_times,)
         self._odometries = {kind: make() for kind in kinds}

@@ -10,7 +10,7 @@ from data.simulation.imu import ImuModel, measured
 from sgslam.config import ImuSettings, OdometrySettings
 from sgslam.inertial import ImuBuffer
 from sgslam.odometry.given_motion import GivenMotion
-from sgslam.tracking.clock_offset import ClockOffset, Turning
+from sgslam.tracking.clock_offset import ClockOffset
 
 SECONDS = np.arange(0.0, 20.0, 0.1)
 
@@ -44,7 +44,7 @@ def given(milliseconds: float) -> GivenMotion:
     return other
 
 
-def compared(poses: Array, other: Turning) -> ClockOffset:
+def compared(poses: Array, other: ImuBuffer | GivenMotion) -> ClockOffset:
     """With poses that registration finds, off by a twentieth of a degree about each axis."""
     clock, rng = ClockOffset(), np.random.default_rng(0)
     errors = Rotation.from_rotvec(rng.normal(0.0, 0.0009, (len(poses), 3))).as_matrix()

@@ -9,6 +9,7 @@ from data.common.errors import UserError
 from data.imu import ImuSamples, read_imu
 from data.plans import Bim, load_bim
 from data.scans import ScanSource
+from data.scans.point_times import Stamped
 from data.scans.sources import open_scans
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
@@ -81,7 +82,7 @@ def read_job(options: argparse.Namespace, scans: ScanSource | None = None, confi
     prior = None if options.map is None else _prior_map(options, config)
     if options.bim is None and (options.storey is not None or options.start is not None):
         raise UserError("--storey and --start refer to a building; give --bim too")
-    scans = _open_scans(options, config) if scans is None else scans
+    scans = _open_scans(options, config.tracking.stamp) if scans is None else scans
     if config.tracking.stamp == "auto":
         config = with_stamp(config, scans.stamped)
     next(in_metres_and_sensor_frame(scans), None)  # wrong ones are refused before the output folder is touched
@@ -111,8 +112,7 @@ def read_job(options: argparse.Namespace, scans: ScanSource | None = None, confi
     )  # fmt: skip
 
 
-def _open_scans(options: argparse.Namespace, config: Config) -> ScanSource:
-    stamped = None if config.tracking.stamp == "auto" else config.tracking.stamp
+def _open_scans(options: argparse.Namespace, stamped: Stamped) -> ScanSource:
     if options.slam_output is None:
         return open_scans(options.scan_dir, options.topic, stamped)
     from data.slam_output import open_slam_output
