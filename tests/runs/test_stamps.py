@@ -40,7 +40,7 @@ def test_every_reader_counts_relative_times_from_the_instant_that_is_stamped(for
         source.stamped = "end"
     first = next(iter(source))
     read = first.scan if isinstance(first, Arrival) else first
-    assert read.point_times == pytest.approx(TIMES - 0.099, abs=1e-6)
+    assert isinstance(read, Scan) and read.point_times == pytest.approx(TIMES - 0.099, abs=1e-6)
 
 
 @pytest.mark.slow
