@@ -103,7 +103,7 @@ class Taken:
         count = int(self.motion.duration * rate) + 1
         if seconds is not None:
             count = min(count, max(1, int(np.ceil(seconds * rate - 1e-9))))
-        stamps = (np.arange(count) + BEFORE_STAMP[self.stamped]) / rate
+        stamps = np.arange(count) / rate + BEFORE_STAMP[self.stamped] / rate
         if self.timing == "snapshots" or self.stamped != "start":
             T_bim_sensor = self.motion.poses(stamps) @ self._mount
         else:
