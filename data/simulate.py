@@ -70,6 +70,8 @@ def _parser() -> argparse.ArgumentParser:
         help="roll, pitch and yaw in degrees of the sensor on its carrier (default 0,0,0; upside down: 180,0,0)")
     add("--sensor", default="VLP-16", metavar="NAME", help=f"{', '.join(SENSORS)} (default VLP-16)")
     add("--imu", metavar="NAME", help=f"simulate an IMU as well, in scans/imu.csv: {', '.join(IMUS)} (default none)")
+    add("--stamp", choices=("start", "middle", "end"), default="start",
+        help="the instant of a scan that its stamp names (default start)")
     add("--azimuths", type=int, metavar="N", help="azimuth steps per turn of a spinning sensor (default: the sensor's)")
     add("--effects", type=_names, nargs="+", default=[], metavar="LIST", help="comma-separated names; see below")
     add("--speed", type=float, metavar="M/S",
@@ -117,7 +119,7 @@ def main() -> int:
             args.moved_walls, args.absent_walls, args.unplanned_walls, args.moved_by, args.displaced_openings,
             args.filled_openings, args.displaced_columns, args.absent_columns, args.displaced_by,
         ),
-        args.and_back, carrier, args.mount, effects, args.seconds, args.imu,
+        args.and_back, carrier, args.mount, effects, args.seconds, args.imu, args.stamp,
     )  # fmt: skip
     storeys = list(dict.fromkeys(run.storeys))
     reached = {storeys[0], *(room.storey for room in run.rooms)}

@@ -104,6 +104,8 @@ def add_options(parser: argparse.ArgumentParser, live: bool = False) -> None:
         help="true sensor poses in the BIM frame: TUM, with the clock of the scans")  # fmt: skip
     add("--start", metavar="X,Y,YAW", help="rough initial pose in the BIM frame (m, rad); resolves ambiguous matches")
     add("--storey", metavar="NAME", help="name or id of the storey on which the run begins, if known")
+    add("--stamp", choices=("start", "middle", "end"),
+        help="the instant of a scan that its stamp names (default: what the format fixes, else start)")  # fmt: skip
     add("--mount", metavar="R,P,Y",
         help="roll, pitch and yaw of the sensor in degrees; needed beyond 40 (upside down: 180,0,0)")  # fmt: skip
     add("--tolerance", metavar="LENGTH",

@@ -70,7 +70,8 @@ class BagScans(ScanSource):
         if not cloud.stamp_ns and record.log_ns and not self._unset_logged:
             self._unset_logged = True
             self.remarks.append(f"{self.topic}: its headers have no stamp; the time of recording is used instead")
-        return finished(index, cloud.stamp_ns or record.log_ns, cloud.points, cloud.times, self.path)
+        stamp_ns = cloud.stamp_ns or record.log_ns
+        return finished(index, stamp_ns, cloud.points, cloud.times, self.path, stamped=self.stamped)
 
     def _log_at_end(self, read: int) -> None:
         for path, damage in self._bag.damages().items():

@@ -65,7 +65,7 @@ class E57Scans(ScanSource):
             raise UnreadableScanError(f"a broken scan ({_line(error)})") from None
         pose = None if self._poses is None else self._poses[index]
         assert self.stamps_ns is not None
-        return finished(index, int(self.stamps_ns[index]), points, times, self.path, pose)
+        return finished(index, int(self.stamps_ns[index]), points, times, self.path, pose, self.stamped)
 
     def _stored(self, index: int) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
         """Points (N, 3) and times (N,), by libE57 itself: pye57's own functions leave out the times."""

@@ -37,6 +37,9 @@ class ScanFolder(ScanSource):
         files = _list_scans(self.path)
         self.files, stamps, self.note = _order_and_stamps(self.path, files)
         self.stamps_ns = np.array(stamps, dtype=np.int64)
+        kitti = self.path.resolve()
+        if kitti.name == "velodyne" and all((kitti.parent / name).is_file() for name in ("calib.txt", "times.txt")):
+            self.stamped = "middle"  # when the LiDAR faces forward and the cameras are triggered
         check_interval(stamps, str(self.path))
         if unusable(stamps) > WORST_SHARE_SKIPPED * len(stamps):
             check_increasing(self.stamps_ns, str(self.path), [f"'{f.name}'" for f in self.files])
@@ -54,7 +57,7 @@ class ScanFolder(ScanSource):
     def _read(self, index: int) -> Scan:
         stamp_ns = int(self.stamps_ns[index])
         points, times = read_timed(self.files[index])
-        return finished(index, stamp_ns, points, times, self.files[index])
+        return finished(index, stamp_ns, points, times, self.files[index], stamped=self.stamped)
 
 
 def _list_scans(path: Path) -> list[Path]:
@@ -93,8 +96,7 @@ def _order_and_stamps(path: Path, files: list[Path]) -> tuple[list[Path], list[i
             stamps = read_times(times)
             if len(stamps) != len(files):
                 raise UserError(
-                    f"{times}: {len(stamps)} stamps for the {len(files)} scans in {path}; "
-                    "give one line for each scan"
+                    f"{times}: {len(stamps)} stamps for the {len(files)} scans in {path}; give one line for each scan"
                 )
             return files, stamps, None
     named = stamps_from_names(files)

@@ -3,12 +3,14 @@
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Stamped = Literal["auto", "start", "middle", "end"]  # the instant of a scan that its stamp names; auto: unknown
+BEFORE_STAMP: dict[Stamped, float] = {"auto": 0.0, "start": 0.0, "middle": 0.5, "end": 1.0}  # share of a scan
 # Ouster: t; Velodyne: time; Hesai, RoboSense, Livox: timestamp; Livox: offset_time; others' spellings of these
 TIME_FIELDS = (
     "t", "time", "timestamp", "offsettime", "timestamps", "timeoffset", "gpstime", "pointtimeoffset", "pointtime",
@@ -33,14 +35,15 @@ def time_field(names: Sequence[str]) -> str | None:
     return next((by_name[known] for known in TIME_FIELDS if known in by_name), None)
 
 
-def seconds_after(values: NDArray[Any], stamp_ns: int) -> Floats | None:
+def seconds_after(values: NDArray[Any], stamp_ns: int, stamped: Stamped = "start") -> Floats | None:
     """Converts times (N,) in any unit and from any origin to seconds (N,) after the scan's stamp.
 
     Returns None if they carry no information: all equal, not finite, or no unit gives a plausible scan. The unit is the
     one in which the scan's duration is closest to a turn of 0.1 s; integers are never seconds. Times of a clock (after
     1973 in that unit) are taken relative to the stamp, or, if both clocks differ by more than a scan's duration, to the
     first point. Times with another origin (such as power-on, or the GPS week) are taken relative to the first point
-    too.
+    too. Where times count from the first point, the instant that the scan's stamp names tells how long before the stamp
+    that was; times before the stamp show that they do not.
     """
     if values.ndim != 1 or values.dtype.kind not in "fiu" or not len(values):
         return None
@@ -60,12 +63,12 @@ def seconds_after(values: NDArray[Any], stamp_ns: int) -> Floats | None:
     unit = min(fitting, key=lambda u: abs(np.log(length * u / _TURN)))
     begin = float(first) * unit
     if abs(begin) <= _LONGEST:
-        return span_of * unit + begin
+        return span_of * unit + begin - (BEFORE_STAMP[stamped] * (length * unit + begin) if begin >= 0 else 0.0)
     if begin > _SINCE_1973 and abs(begin - stamp_ns * 1e-9) <= _LONGEST:
         shift = (int(first) * round(unit * 1e9) - stamp_ns) * 1e-9 if values.dtype.kind != "f" else (
             float(first) * (unit * 1e9) - stamp_ns) * 1e-9  # fmt: skip
         return span_of * unit + shift
-    return span_of * unit
+    return (span_of - BEFORE_STAMP[stamped] * length) * unit
 
 
 class TurnTimes:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
-from data.scans.point_times import TurnTimes, seconds_after
+from data.scans.point_times import Stamped, TurnTimes, seconds_after
 from data.scans.reading_errors import EndOfScansError, UnreadableScanError
 from data.scans.stamp_rule import LOOK_AHEAD, StampRule
 from data.trajectory import Trajectory
@@ -60,15 +60,16 @@ class ScanSource(ABC):
 
     Attributes: `path`, `note` (one line for the user if something is a guess, otherwise None), `stamps_ns` ((N,) int64;
     None if they become known only while reading), `given` (all poses T_odom_sensor of another SLAM system, None if
-    there are none), `is_dense` (whether the scans follow one another as a LiDAR takes them; false for keyframes and for
-    pieces of a map), and, filled while iterating, `skipped` and `remarks` (one line for each thing that the user should
-    know about the data).
+    there are none), `stamped` (the instant of a scan that its stamp names), `is_dense` (whether the scans follow one
+    another as a LiDAR takes them; false for keyframes and for pieces of a map), and, filled while iterating, `skipped`
+    and `remarks` (one line for each thing that the user should know about the data).
     """
 
     path: Path
     note: str | None = None
     stamps_ns: NDArray[np.int64] | None = None
     given: Trajectory | None = None
+    stamped: Stamped = "start"
     is_dense: bool = True
 
     def __init__(self) -> None:
@@ -135,10 +136,10 @@ class ScanSource(ABC):
 
 def finished(
     index: int, stamp_ns: int, points: NDArray[Any], times: NDArray[Any] | None, path: Path,
-    T_odom_sensor: NDArray[np.float64] | None = None,
+    T_odom_sensor: NDArray[np.float64] | None = None, stamped: Stamped = "start",
 ) -> Scan:  # fmt: skip
     """Returns a scan of points (N, 3) and their times (N,) as stored (see `point_times`), without NaN, infinite and
-    zero returns, and without those that have no time where most have one.
+    zero returns, and without those that have no time where most have one; its stamp is that of the instant `stamped`.
 
     Raises UnreadableScanError if nothing is left.
     """
@@ -155,5 +156,5 @@ def finished(
         points, times = points[good], None if times is None else times[good]
     if times is not None and times.dtype.kind == "f" and 0.5 < (known := np.isfinite(times)).mean() < 1:
         points, times = points[known], times[known]
-    after = None if times is None else seconds_after(times, stamp_ns)
+    after = None if times is None else seconds_after(times, stamp_ns, stamped)
     return Scan(index, stamp_ns, points, count_all - len(points), path, after, T_odom_sensor)

@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from data.common.errors import UserError
+from data.scans.point_times import Stamped
 from data.scans.writers import SCAN_WRITERS, WITH_TIMES
 from data.simulation.carriers import Carrier
 from data.simulation.drive import Robot
@@ -48,7 +49,7 @@ def set_up(
     )
 
 
-def check(out: Path, setup: Setup, seed: int, seconds: float | None) -> None:
+def check(out: Path, setup: Setup, seed: int, seconds: float | None, stamped: Stamped) -> None:
     """Raises UserError for what cannot be."""
     scan_format = setup.scan_format
     if scan_format not in SCAN_WRITERS:
@@ -58,6 +59,8 @@ def check(out: Path, setup: Setup, seed: int, seconds: float | None) -> None:
             f"the sensor moves during a scan, and {scan_format} files hold no times of points; write "
             f"{' or '.join(WITH_TIMES)}, or leave them out by the effect 'untimed'"
         )
+    if setup.timing == "snapshots" and stamped != "start":
+        raise UserError(f"a scan of one instant has no {stamped} to stamp; add the effect 'rolling' or 'untimed'")
     if not 0 < setup.height < 10:
         raise UserError(f"a sensor height of {setup.height} m is impossible; give metres above the floor")
     if seconds is not None and not seconds > 0:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from data.common.errors import UserError
 from data.common.files import write_atomically, write_json
 from data.imu import ImuSamples, write_imu
+from data.scans.point_times import BEFORE_STAMP, Stamped
 from data.scans.writers import SCAN_WRITERS
 from data.simulation.carriers import Motion
 from data.simulation.changes import Change
@@ -77,13 +78,14 @@ class SimulatedRun:
 @dataclass(frozen=True, eq=False)
 class Taken:
     """A sensor taken along a motion, turned in the carrier's hand by roll, pitch and yaw `mount_deg`, and an `imu` in
-    it if there is one."""
+    it if there is one. Stamps are those of the instant of a scan that `stamped` names."""
 
     sensor: Sensor
     motion: Motion
     mount_deg: tuple[float, float, float]
     timing: Timing
     imu: ImuModel | None = None
+    stamped: Stamped = "start"
 
     @cached_property
     def _mount(self) -> Array:
@@ -101,8 +103,8 @@ class Taken:
         count = int(self.motion.duration * rate) + 1
         if seconds is not None:
             count = min(count, max(1, int(np.ceil(seconds * rate - 1e-9))))
-        stamps = np.arange(count) / rate
-        if self.timing == "snapshots":
+        stamps = np.arange(count) / rate + BEFORE_STAMP[self.stamped] / rate
+        if self.timing == "snapshots" or self.stamped != "start":
             T_bim_sensor = self.motion.poses(stamps) @ self._mount
         else:
             T_bim_sensor = np.concatenate([self._poses(k, 2)[:1] for k in range(count)])
@@ -125,7 +127,8 @@ class Taken:
             return snapshot(self.sensor, world.at(stamp, chance), T_bim_sensor, rng, k), None
         scene = world.at(stamp + self.sensor.rays(k)[1], chance)
         points, times = moving_scan(self.sensor, scene, self._poses(k), rng, k)
-        return points, times if self.timing == "rolling" else None
+        after = times - np.float32(BEFORE_STAMP[self.stamped] / self.sensor.rate)
+        return points, after if self.timing == "rolling" else None
 
     def _poses(self, k: int, first: int | None = None) -> Array:
         """(M, 4, 4) T_bim_sensor at the first instants, or all, at which scan k measures."""

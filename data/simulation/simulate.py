@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from data.scans.point_times import Stamped
 from data.simulation.carriers import WHEELED, Carrier
 from data.simulation.changes import Changes
 from data.simulation.drive import Robot, plan_drive
@@ -51,6 +52,7 @@ def simulate(
     effects: Collection[str] = (),
     seconds: float | None = None,
     imu: str | None = None,
+    stamped: Stamped = "start",
 ) -> SimulatedRun:
     """Drives through a storey's open doors, from a random place and heading, and writes scans and ground truth.
 
@@ -63,10 +65,10 @@ def simulate(
     R_carrier_sensor = Rz(yaw) Ry(pitch) Rx(roll). `changes` are made to the building, not to its plan, and need a drive
     on one storey. With `and_back`, the whole route is then driven in reverse, so that every place is seen twice.
     `effects` are names of `data.simulation.effects`. In a rolling scan, the sensor moves while it measures: the scan's
-    stamp and true pose are those of its first ray. By default, `robot` and `sensor_height` are the carrier's, and
-    `scan_format` is `bin` (`ply` for points with times). `imu` names a class of inertial measurement units
-    (`data.simulation.imu`); the samples of one in the sensor are written to `imu.csv` beside the scans. The same seed
-    gives the same bytes.
+    stamp and true pose are those of its first ray, or of the instant `stamped`. By default, `robot` and `sensor_height`
+    are the carrier's, and `scan_format` is `bin` (`ply` for points with times). `imu` names a class of inertial
+    measurement units (`data.simulation.imu`); the samples of one in the sensor are written to `imu.csv` beside the
+    scans. The same seed gives the same bytes.
 
     Raises UserError for an unreadable IFC file, an unknown storey or one on which the robot cannot move, storeys
     without stairs that it can climb, an `out_dir` that is not empty, and impossible settings.
@@ -75,14 +77,14 @@ def simulate(
 
     setup = set_up(carrier, sensor, robot, sensor_height, scan_format, effects, imu)
     out = Path(out_dir)
-    check(out, setup, seed, seconds)
+    check(out, setup, seed, seconds, stamped)
     storeys = [storey] if isinstance(storey, str) else list(storey)
     models = storeys_as_built(ifc, storeys, changes, seed, setup.effects)
     top, has_steps = max(carrier.top, setup.height + SENSOR_TOP), "steps" in setup.effects
     way = way_through(models, top, setup.robot, min_rooms, min_length, and_back, has_steps, seed)
     drive = plan_drive(way.legs, way.start_yaw, setup.robot)
     motion = carrier.motion(drive, models[0].level, setup.height, seed)
-    taken = Taken(setup.sensor, motion, mount_deg, setup.timing, setup.unit)
+    taken = Taken(setup.sensor, motion, mount_deg, setup.timing, setup.unit, stamped)
     run = _driven(out, models, way, taken, seed, seconds)
     settings = settings_of(ifc, carrier, setup, mount_deg, imu)
     write_run(run, taken, _world(way, run, taken, setup, seed), setup.scan_format, settings, ifc)

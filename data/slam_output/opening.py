@@ -6,6 +6,7 @@ import numpy as np
 
 from data.common.errors import UserError
 from data.scans.formats import READERS, read_points
+from data.scans.point_times import Stamped
 from data.scans.reading_errors import UnreadableScanError
 from data.scans.scan import ScanSource
 from data.scans.sources import open_scans
@@ -20,20 +21,20 @@ from data.trajectory.readers import PoseList, read_poses
 
 def open_slam_output(
     path: Path, scans: Path | None = None, topic: str | None = None, cloud: Path | None = None,
-    times: Path | None = None,
+    times: Path | None = None, stamped: Stamped = "auto",
 ) -> ScanSource:  # fmt: skip
     """Opens a file of poses (a factor graph as `.g2o` is one too), KISS-SLAM's folder or GLIM's dump.
 
     `scans` are those that the system saw, or a cloud for each pose, of a bag those of a `topic`; `cloud` is its map, in
-    the frame of the poses. KISS-SLAM's and GLIM's own maps need neither. `times` has the stamps of KITTI's poses.
-    Raises UserError.
+    the frame of the poses. KISS-SLAM's and GLIM's own maps need neither. `times` has the stamps of KITTI's poses;
+    `stamped` is that of `open_scans`. Raises UserError.
     """
     if scans is not None and cloud is not None:
         raise UserError("--scans and --cloud: give only one of them")
     if times is not None and path.is_dir():
         raise UserError(f"{times}: only files of poses need --times; leave it out")
     if scans is not None:
-        return PosedScans(open_scans(scans, topic), _poses(path, times), str(path))
+        return PosedScans(open_scans(scans, topic, stamped), _poses(path, times), str(path))
     if cloud is not None:
         return _map_scans(path, cloud, times)
     if path.is_dir() and (folder := find_kiss_slam(path)) is not None:

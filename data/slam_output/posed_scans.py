@@ -37,7 +37,7 @@ class PosedScans(ScanSource):
         super().__init__()
         poses = _without_numbers(scans, poses)
         self._scans, self._name_of_poses, self._steps = scans, name, poses.step_covariances
-        self.path = scans.path
+        self.path, self.stamped = scans.path, scans.stamped
         self._in_order = _is_one_each(scans, poses)
         if not self._in_order and (poses.stamps_ns is None or len(poses.poses) < 2):
             raise UserError(

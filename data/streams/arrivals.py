@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from data.scans import Scan
-from data.scans.point_times import TurnTimes
+from data.scans.point_times import Stamped, TurnTimes
 from data.scans.scan import SkippedScan
 from data.scans.stamp_rule import GAP_NS, StampRule
 
@@ -23,8 +23,11 @@ class Arrival:
 class ScanStream(ABC):
     """Scans in the order in which they come; iterating waits for the next one until the source ends or `stop` is set.
 
-    `skipped` lists the scans that could not be used, so far; `remarks` are lines on the data for the user.
+    `skipped` lists the scans that could not be used, so far; `remarks` are lines on the data for the user; `stamped` is
+    the instant of a scan that its stamp names.
     """
+
+    stamped: Stamped = "start"
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -105,7 +105,7 @@ class GrowingFolder(ScanStream):
             self.remarks.append(NOTE_INDICES)
         try:
             points, times = read_timed(file)
-            yield Arrival(finished(index, stamp_ns, points, times, file), came_s)
+            yield Arrival(finished(index, stamp_ns, points, times, file, stamped=self.stamped), came_s)
         except UnreadableScanError as error:
             self._skip(index, file, f"{error} (stamp {ns_to_seconds(stamp_ns)} s)")
 

@@ -40,7 +40,8 @@ class McapPipe(ScanStream):
             self._topic, index = record.topic, index + 1
             try:
                 cloud = read_cloud(record.data, record.msgtype, record.is_cdr)
-                scan = finished(index - 1, cloud.stamp_ns or record.log_ns, cloud.points, cloud.times, self.path)
+                stamp_ns = cloud.stamp_ns or record.log_ns
+                scan = finished(index - 1, stamp_ns, cloud.points, cloud.times, self.path, stamped=self.stamped)
             except UnreadableScanError as error:
                 self._skip(index - 1, self.path, str(error))
                 continue

@@ -4,6 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
+from data.scans.point_times import Stamped
 from sgslam.config.base import Settings
 
 
@@ -90,6 +91,9 @@ class TrackingSettings(Settings):
     point_times: Literal["auto", "snapshot", "order"] = "auto"
     """point times of scans that have none: `snapshot` is one instant, `order` follows the points' order, `auto` decides
     while tracking"""
+    stamp: Stamped = "auto"
+    """the instant of a scan that its stamp names, and that its pose is of; `auto` is what the format fixes, else the
+    start"""
     gravity_after: float = Field(4.0, gt=0)
     """s, minimum time until the direction of gravity is taken as known; scans wait until then"""
     gravity_until: float = Field(10.0, gt=0)

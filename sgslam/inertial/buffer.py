@@ -52,6 +52,15 @@ class ImuBuffer(Stateful):
             return None
         return ImuSamples(stamps, values[:, :3], values[:, 3:])
 
+    def turned(self, begin_ns: int, end_ns: int) -> tuple[NDArray[np.int64], Floats] | None:
+        """The stamps (N,) of `around`, and the sum (N, 3) of all small turns until each, rad; None where there is a
+        gap."""
+        found = self.around(begin_ns, end_ns)
+        if found is None:
+            return None
+        steps = (found.gyro[1:] + found.gyro[:-1]) / 2 * np.diff(found.stamps_ns)[:, None] / 1e9
+        return found.stamps_ns, np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
+
     def within(self, begin_ns: int, end_ns: int) -> ImuSamples | None:
         """The samples after a time and until another, none of them twice where the times follow one another; None where
         there is a gap."""

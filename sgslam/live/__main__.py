@@ -24,6 +24,7 @@ def main(arguments: list[str] | None = None) -> int:
     from sgslam.live.loop import LiveLoop
 
     inputs, stream = inputs_of(options), _opened(options.source, options.topic)
+    stream.stamped = inputs.config.tracking.stamp
     threadpool_limits(1, user_api="blas")  # a scan is small: more threads would only wait for each other
     sys.setswitchinterval(1e-4)  # with the default interval the reading thread delays the answers
     logging.getLogger("sgslam").setLevel(logging.INFO)

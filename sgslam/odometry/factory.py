@@ -22,7 +22,7 @@ def make_odometry(
     """Creates the odometry of `odometry.method`, which finds out the times of points that are not given as
     `tracking.point_times` says. Our own takes the motion from an `imu`, where there is one, and that `given` by
     another system; LiDAR-inertial ones need the former. Raises UserError if it or the library is missing."""
-    return TimedOdometry(partial(_make, odometry, tracking, imu, given), tracking.point_times)
+    return TimedOdometry(partial(_make, odometry, tracking, imu, given), tracking.point_times, tracking.stamp)
 
 
 def _make(

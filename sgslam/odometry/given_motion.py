@@ -4,6 +4,7 @@ from bisect import bisect_left, bisect_right
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from sgslam.config import OdometrySettings
 from sgslam.geometry.frames import inverse
@@ -47,6 +48,16 @@ class GivenMotion(Stateful):
         old = bisect_left(self._stamps_ns, stamp_ns - _KEPT_NS)
         for values in (self._stamps_ns, self._poses, self._variances):
             del values[:old]  # type: ignore[attr-defined]
+
+    def turned(self, begin_ns: int, end_ns: int) -> tuple[NDArray[np.int64], Floats] | None:
+        """The stamps (N,) of the poses from before a time to after another, and the sum (N, 3) of all turns until each,
+        rad; None where there is a gap."""
+        known = slice(max(bisect_right(self._stamps_ns, begin_ns) - 1, 0), bisect_left(self._stamps_ns, end_ns) + 1)
+        stamps = np.array(self._stamps_ns[known], np.int64)
+        if len(stamps) < 2 or stamps[0] > begin_ns or stamps[-1] < end_ns or np.diff(stamps).max() > _GAP_NS:
+            return None
+        R = Rotation.from_matrix(np.stack(self._poses[known])[:, :3, :3])
+        return stamps, np.vstack([np.zeros(3), np.cumsum((R[:-1].inv() * R[1:]).as_rotvec(), axis=0)])
 
     def backwards(self) -> "GivenMotion":
         """The same poses, as time runs backwards."""

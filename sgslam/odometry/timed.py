@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from data.scans.point_times import BEFORE_STAMP, Stamped
 from sgslam.geometry.frames import inverse, squared_up
 from sgslam.odometry.base import Odometry, State
 from sgslam.perception.point_times import Rule, even_times, guessed_times
@@ -16,6 +17,7 @@ from sgslam.registration.motion_prior import velocity_between
 
 Floats = NDArray[np.float64]
 Kind = Literal["snapshot", "order"]
+Kinds = Literal["auto", "snapshot", "order"]
 _log = logging.getLogger(__name__)
 _DURATION = 0.1  # s, of a scan, until a second one shows the interval; most sensors turn ten times a second
 _MOVING, _TURNING = 0.3, 0.3  # m/s and rad/s; slower, a scan looks alike either way
@@ -32,11 +34,11 @@ class TimedOdometry:
     Where they are not given, two odometries run side by side until the motion decides: one takes scans as snapshots,
     one with times guessed from the order of their points. The right one finds more points, nearer to its surfaces.
     Poses are those of the better one so far, and do not jump when that changes; but while results are held back, they
-    are all replaced by those of the other one.
+    are all replaced by those of the other one. All points of a snapshot are of the instant `stamped`.
     """
 
-    def __init__(self, make: Callable[[], Odometry], point_times: Literal["auto", "snapshot", "order"]) -> None:
-        self._make = make
+    def __init__(self, make: Callable[[], Odometry], point_times: Kinds, stamped: Stamped = "auto") -> None:
+        self._make, self._before_stamp = make, BEFORE_STAMP[stamped]
         kinds: tuple[Kind, ...] = ("snapshot", "order") if point_times == "auto" else (point_times,)
         self._odometries = {kind: make() for kind in kinds}
         self._best: Kind = kinds[0]
@@ -140,13 +142,14 @@ class TimedOdometry:
         """The times of points (N, 3), and whether their order gives them; where not, they are those of a sensor that
         does not turn once around, if it is one, or all are the scan's middle."""
         duration_s = self._duration_s if np.isfinite(self._duration_s) else _DURATION
+        began = -self._before_stamp * duration_s
         found = guessed_times(points, duration_s)
         if found is not None:
             self._rule = found.rule
-            return found.seconds, True
+            return began + found.seconds, True
         if self._rule == "index":  # a close wall hides that it soon covers the whole field of view
-            return even_times(len(points), duration_s), False
-        return np.full(len(points), duration_s / 2), False
+            return began + even_times(len(points), duration_s), False
+        return np.full(len(points), began + duration_s / 2), False
 
     def _moves(self, results: dict[Kind, Registration], interval_s: float) -> bool:
         """Whether the sensor moves, as either odometry has it: one that has failed may well stand still."""

@@ -102,7 +102,7 @@ class ActiveMap:
         self.scans.append(
             ScanPose(
                 scan.raw.stamp_ns, scan.T_odom_sensor, T_map_sensor, max(len(keyframes) - 1, 0), since,
-                health=scan.health, covariance=scan.covariance,
+                health=scan.health, covariance=scan.covariance, T_begin_sensor=scan.T_begin_sensor,
             )
         )  # fmt: skip
         self._covariance, self.is_external = scan.covariance, scan.raw.T_odom_sensor is not None
@@ -208,19 +208,20 @@ class ActiveMap:
         if not confirmed or (self.anchoring.committed is not None and not self.placed):
             self.update(last=True)
 
-    def take_tracked(self, poses: Floats) -> None:
+    def take_tracked(self, poses: Floats, of_points: Floats) -> None:
         """Replaces the tracked motion of all scans by that between their `poses` (N, 4, 4) in the map, which a second
-        pass found. The graph's steps follow it."""
+        pass found. The graph's steps follow it, by the poses `of_points` (N, 4, 4) where the scans' undistorted points
+        lie right: these were placed by the motion found first."""
         keyframes = self.backend.keyframes
         for keyframe in keyframes:
-            keyframe.T_track_sensor = poses[keyframe.scan]
+            keyframe.T_track_sensor = of_points[keyframe.scan]
             keyframe.smoothed = True
         for i, scan in enumerate(self.scans):
             own = keyframes[scan.keyframe]
-            scan.T_keyframe_sensor = inverse(poses[own.scan]) @ poses[i]
+            scan.T_keyframe_sensor = inverse(of_points[own.scan]) @ poses[i]
             if own.scan == i and scan.keyframe:
-                scan.T_previous_sensor = inverse(poses[keyframes[scan.keyframe - 1].scan]) @ poses[i]
-        first, began = poses[keyframes[0].scan], level_at(keyframes[0].T_map_sensor)
+                scan.T_previous_sensor = inverse(of_points[keyframes[scan.keyframe - 1].scan]) @ of_points[i]
+        first, began = of_points[keyframes[0].scan], level_at(keyframes[0].T_map_sensor)
         self.backend.take_steps(began @ inverse(level_at(first)) @ first)  # only its tilt is new
 
     def settle(self, T_plan_sensor: Floats) -> None:

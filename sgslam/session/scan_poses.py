@@ -22,7 +22,8 @@ class ScanPose:
     `keyframe` is the index of the last keyframe at or before it. All poses (4, 4) are at its stamp.
     `T_keyframe_sensor` is the motion since that keyframe; `T_previous_sensor`, for a keyframe, the motion since the
     keyframe before it. `health` is what the tracker says of the scan, `covariance` (6, 6) that of its pose against the
-    odometry's map, rotation first, in the sensor's axes.
+    odometry's map, rotation first, in the sensor's axes. `T_begin_sensor` is the tracked motion since the scan's first
+    point, where that is before the stamp.
     """
 
     stamp_ns: int
@@ -33,6 +34,7 @@ class ScanPose:
     T_previous_sensor: Floats | None = None
     health: Health = "good"
     covariance: Floats = field(default_factory=lambda: np.zeros((6, 6)))
+    T_begin_sensor: Floats | None = None
 
 
 def smooth(scans: list[ScanPose], keyframe_poses: Floats) -> Floats:

@@ -41,7 +41,12 @@ def second_pass(final: ActiveMap, scans: Iterable[Scan], times_of: TimesOf, sett
         is_known = np.array([scan.health != "lost" for scan in final.scans])
         _log.info("second pass: all %d scans are registered again", len(stamps))
         motion = smoothed(again, start, is_known, settings)
-        final.take_tracked(np.stack([motion.at(second) for second in at]))
+        poses = np.stack([motion.at(second) for second in at])
+        of_points = poses.copy()
+        for i, (scan, own) in enumerate(zip(final.scans, again, strict=True)):
+            if scan.T_begin_sensor is not None:  # the pose at a later stamp was less certain than that of the points
+                of_points[i] = motion.at(own.knot_seconds[0]) @ scan.T_begin_sensor
+        final.take_tracked(poses, of_points)
     final.complete()
     return True
 

@@ -14,6 +14,7 @@ from sgslam.odometry import Odometry, make_odometry
 from sgslam.odometry.given_motion import GivenMotion
 from sgslam.perception import RawScan, checked_scan
 from sgslam.perception.scan_checks import checked_covariance
+from sgslam.tracking.clock_offset import ClockOffset
 from sgslam.tracking.scan_tracker import ScanTracker, TrackedScan
 
 Floats = NDArray[np.float64]
@@ -42,6 +43,7 @@ class RunTracker:
         self.imu = ImuBuffer(config.imu)
         own = odometry is None and config.odometry.method == "continuous_time"
         self._given_motion = GivenMotion(config.odometry) if own and config.odometry.given == "measured" else None
+        self._clock = ClockOffset()
         self.newest_ns: int | None = None
         self._tracker = self._begin()
         self._kept: list[TrackedScan] = []  # the newest scans, while they are lost or unconfirmed
@@ -93,9 +95,8 @@ class RunTracker:
 
     @property
     def advice(self) -> list[str]:
-        """Lines where the stated mount proves wrong."""
-        newest = self._tracker.advice
-        return [*self._advice, *([newest] if newest else [])]
+        """Lines where the stated mount, or the clock of what else measures the motion, proves wrong."""
+        return [*self._advice, *(line for line in (self._tracker.advice, self._clock.advice) if line)]
 
     @property
     def is_way_up_assumed(self) -> bool:
@@ -123,15 +124,25 @@ class RunTracker:
             if self._tracker.was_carried_elsewhere(scan):
                 return [*steps, *self._begin_elsewhere(tracked[number:])]
             self._kept = [*self._kept, scan] if scan.waits else []
+            self._compare_clocks(scan)
             steps.append(scan)
         return steps
+
+    def _compare_clocks(self, scan: TrackedScan) -> None:
+        has_imu = self.imu.newest_ns is not None
+        other, name = (self.imu, "the IMU") if has_imu else (self._given_motion, "the given poses")
+        if other is not None and scan.health != "lost":
+            self._clock.add(scan.raw.stamp_ns, scan.T_odom_sensor[:3, :3], other, name)
+        else:
+            self._clock.lose()
 
     def _begin_elsewhere(self, newest: list[TrackedScan]) -> list[TrackingStep]:
         """Tracks the scans since the sensor was carried elsewhere, and the `newest` ones, from the beginning."""
         since_ns = self._tracker.carried_since_ns
         again = [scan.raw for scan in (*self._kept, *newest) if scan.raw.stamp_ns >= since_ns]
-        self._advice = self.advice
+        self._advice = [*self._advice, *([line] if (line := self._tracker.advice) else [])]
         self._tracker, self._kept = self._begin(), []
+        self._clock.lose()
         steps: list[TrackingStep] = [CarriedElsewhere(since_ns)]
         for raw in again:
             steps += self._tracked(raw)
@@ -141,7 +152,7 @@ class RunTracker:
         """The complete state as a tree (see `state_tree`); not a copy."""
         return {
             "newest_ns": self.newest_ns, "kept": self._kept, "advice": self._advice, "imu": self.imu.state(),
-            "tracker": self._tracker.state(),
+            "tracker": self._tracker.state(), "clock": self._clock.state(),
             "given": None if self._given_motion is None else self._given_motion.state(),
         }  # fmt: skip
 
@@ -152,4 +163,5 @@ class RunTracker:
             self._given_motion.restore(state["given"])
         self._tracker = self._begin()
         self._tracker.restore(state["tracker"])
+        self._clock.restore(state["clock"])
         self.newest_ns, self._kept, self._advice = state["newest_ns"], state["kept"], state["advice"]

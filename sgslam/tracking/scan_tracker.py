@@ -31,7 +31,8 @@ class TrackedScan:
 
     `covariance` (6, 6) is that of the pose against the odometry's map, rotation first, in the sensor's axes. It is
     `unconfirmed` in the first seconds after the sensor was lost for longer: it may be in a place that looks alike.
-    After a pause in the scans the sensor counts as lost for as long.
+    After a pause in the scans the sensor counts as lost for as long. `T_begin_sensor` (4, 4) is the motion since the
+    first point, where that is before the stamp.
     """
 
     raw: RawScan
@@ -41,6 +42,7 @@ class TrackedScan:
     health: Health
     unconfirmed: bool = False
     is_after_pause: bool = False
+    T_begin_sensor: Floats | None = None
 
     @property
     def waits(self) -> bool:
@@ -165,9 +167,11 @@ class ScanTracker(Stateful):
         points = found.undistorted(raw.points)
         if found.health != "lost":
             self._check.add(raw.stamp_ns, points, T_odom_sensor)
+        began, motion = found.motion.seconds[0], found.motion
         return TrackedScan(
-            raw, points, T_odom_sensor, found.covariance, found.health, is_after_pause=found.is_after_pause
-        )
+            raw, points, T_odom_sensor, found.covariance, found.health, is_after_pause=found.is_after_pause,
+            T_begin_sensor=inverse(motion.at(began)) @ found.T_odom_sensor if began < 0 else None,
+        )  # fmt: skip
 
     @property
     def carried_since_ns(self) -> int:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from data.geometry.raycast import TriangleScene
 from data.scans import ScanFolder
+from data.scans.point_times import Stamped
 from data.simulation import SpinningSensor
 from sgslam.config import TrackingSettings
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
@@ -218,3 +219,17 @@ def test_of_a_sensor_that_does_not_turn_once_around_every_scan_is_in_the_order_o
         odometry.register(0, before)
         told = odometry.times_of(unclear, None)
         assert told is not None and np.allclose(told, times)
+
+
+@pytest.mark.parametrize(("stamped", "begin"), [("start", 0.0), ("middle", -PERIOD / 2), ("end", -PERIOD)])
+def test_guessed_times_are_seconds_after_the_instant_that_is_stamped(stamped: Stamped, begin: float) -> None:
+    """Those of a snapshot are all the stamp's."""
+    points, times = spun()
+    odometry = TimedOdometry(lambda: ContinuousTimeOdometry(TrackingSettings()), "order", stamped)
+    odometry.register(10**9, points)
+    told = odometry.times_of(points, None)
+    assert told is not None and told == pytest.approx(begin + times, abs=1e-6)
+    mixed = odometry.times_of(np.random.default_rng(0).permutation(points), None)
+    assert mixed is not None and np.all(mixed == begin + PERIOD / 2)
+    snapshots = TimedOdometry(lambda: ContinuousTimeOdometry(TrackingSettings()), "snapshot", stamped)
+    assert snapshots.register(0, points).point_times is None

@@ -11,6 +11,7 @@ from small_ifc import DOORS, PANE, ROOMS, SmallBuilding, write_small_ifc
 from data.common.errors import UserError
 from data.geometry.raycast import TriangleScene
 from data.scans import ScanFolder
+from data.scans.point_times import Stamped
 from data.simulate import _parser
 from data.simulation import SimulatedRun, SpinningSensor
 from data.simulation.carriers import HANDHELD, WHEELED, Carrier
@@ -37,11 +38,11 @@ def building(tmp_path_factory: pytest.TempPathFactory) -> SmallBuilding:
 
 def driven(
     building: SmallBuilding, out: Path, effects: tuple[str, ...], seed: int = 1, carrier: Carrier = WHEELED,
-    seconds: float = 20.0, height: float | None = None,
+    seconds: float = 20.0, height: float | None = None, stamped: Stamped = "start",
 ) -> SimulatedRun:  # fmt: skip
     return simulate(
         building.path, "Ground", out, seed, 3, 20.0, SENSOR, sensor_height=height, carrier=carrier, effects=effects,
-        seconds=seconds,
+        seconds=seconds, stamped=stamped,
     )  # fmt: skip
 
 
@@ -208,6 +209,24 @@ def test_times_are_told_or_not(building: SmallBuilding, tmp_path: Path) -> None:
     np.testing.assert_array_equal(scans["rolling"][5].points, scans["untimed"][5].points)
     for how in ("untimed", "snapshots"):
         np.testing.assert_allclose(runs[how].truth.poses, runs["rolling"].truth.poses, atol=1e-12)
+
+
+@pytest.mark.parametrize(("stamped", "share"), [("middle", 0.5), ("end", 1.0)])
+def test_the_same_scans_are_stamped_at_another_instant(
+    stamped: Stamped, share: float, building: SmallBuilding, tmp_path: Path
+) -> None:
+    before = share / SENSOR.rate
+    plain = driven(building, tmp_path / "start", ("rolling",), carrier=HANDHELD, seconds=1.0)
+    run = driven(building, tmp_path / stamped, ("rolling",), carrier=HANDHELD, seconds=1.0, stamped=stamped)
+    for scan, other in zip(ScanFolder(plain.out_dir / "scans"), ScanFolder(run.out_dir / "scans"), strict=True):
+        np.testing.assert_array_equal(other.points, scan.points)
+        assert other.stamp_ns - scan.stamp_ns == round(1e9 * before)
+        assert scan.point_times is not None and other.point_times is not None
+        np.testing.assert_allclose(other.point_times, scan.point_times - before, atol=1e-6)
+    if stamped == "end":
+        np.testing.assert_allclose(run.truth.poses[:-1], plain.truth.poses[1:], atol=1e-6)
+    with pytest.raises(UserError, match=f"a scan of one instant has no {stamped} to stamp"):
+        driven(building, tmp_path / "a", ("snapshots",), carrier=HANDHELD, seconds=1.0, stamped=stamped)
 
 
 def test_names_of_effects() -> None:

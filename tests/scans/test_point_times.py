@@ -43,6 +43,30 @@ def test_units_and_origins_of_all_drivers(values: NDArray[np.generic], expected:
 
 
 @pytest.mark.parametrize(
+    ("values", "begins"),  # s before the stamp, of a scan stamped in its middle and at its end
+    [
+        (TURN.astype(np.float32), (0.0499, 0.0997)),  # from the first point
+        ((TURN * 1e9).astype(np.uint32), (0.0499, 0.0997)),
+        (0.004 + TURN[: len(TURN) - 20], (0.0459, 0.0958)),  # the first and the last rays did not return
+        (345_678.25 + TURN, (0.0499, 0.0997)),  # since the sensor was switched on
+        (TURN - 0.0997, (0.0997, 0.0997)),  # before the stamp
+        (TURN - 0.05, (0.05, 0.05)),
+        (STAMP * 1e-9 + TURN, (0.0, 0.0)),  # by the stamp's clock
+        (STAMP * 1e-9 + TURN - 0.0997, (0.0997, 0.0997)),
+    ],
+)
+def test_times_from_the_first_point_begin_before_a_stamp_that_is_later(
+    values: NDArray[np.generic], begins: tuple[float, float]
+) -> None:
+    plain = seconds_after(values, STAMP, "start")
+    for stamped, begin in zip(("middle", "end"), begins, strict=True):
+        seconds = seconds_after(values, STAMP, stamped)  # type: ignore[arg-type]
+        assert plain is not None and seconds is not None
+        assert seconds[0] == pytest.approx(-begin, abs=3e-4)
+        assert seconds - seconds[0] == pytest.approx(plain - plain[0], abs=1e-9)
+
+
+@pytest.mark.parametrize(
     "values",
     [
         np.zeros(10), np.full(10, 7, np.uint32), np.array([]), np.array([0.0, np.nan]), np.array([0.0, 1e300]),

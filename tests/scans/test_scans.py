@@ -15,6 +15,7 @@ from data.common.files import natural_key
 from data.scans import ScanFolder
 from data.scans.formats import read_points, read_timed
 from data.scans.reading_errors import UnreadableScanError
+from data.scans.sources import open_scans
 from data.trajectory.stamps import ns_to_seconds, seconds_to_ns
 
 REAL_SCANS = Path(__file__).parents[2] / "../shared/data/scans/vlp16_room_corridor"
@@ -361,6 +362,19 @@ def test_times_txt_wins_over_names(beside: bool, tmp_path: Path) -> None:
     ((tmp_path if beside else scans) / "times.txt").write_text("0.000000e+00\n1.036224e-01\n\n0.25\n")
     folder = ScanFolder(scans)
     assert folder.stamps_ns.tolist() == [0, 103_622_400, 250_000_000] and folder.note is None
+
+
+@pytest.mark.parametrize("is_kitti", [True, False])
+def test_kittis_stamps_are_those_of_the_middle_unless_the_user_states_another_instant(
+    is_kitti: bool, tmp_path: Path
+) -> None:
+    write_bins(tmp_path / "velodyne", ["0.bin", "1.bin"])
+    (tmp_path / "times.txt").write_text("0.0\n0.1\n")
+    if is_kitti:
+        (tmp_path / "calib.txt").touch()
+    opened, stated = open_scans(tmp_path / "velodyne"), open_scans(tmp_path / "velodyne", stamped="end")
+    assert (opened.stamped, stated.stamped) == ("middle" if is_kitti else "start", "end")
+    assert ("each scan's middle, as in KITTI; --stamp" in (opened.note or "")) == is_kitti and stated.note is None
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from data.common.errors import UserError
+from data.scans.point_times import Stamped
 from sgslam.as_built.elements.tolerance_classes import parse_length
 from sgslam.config import Config
 from sgslam.config.loading import load_config
@@ -31,10 +32,17 @@ def read_config(
     if options.mount is not None:
         mount = three_numbers("--mount", options.mount, "ROLL,PITCH,YAW (degrees)", "0,25,0")
         config = config.model_copy(update={"tracking": config.tracking.model_copy(update={"mount": mount})})
+    if options.stamp is not None:
+        config = with_stamp(config, options.stamp)
     if options.tolerance is not None:
         as_built = config.as_built.model_copy(update={"tolerance": parse_length(options.tolerance)})
         config = config.model_copy(update={"as_built": as_built})
     return config, external
+
+
+def with_stamp(config: Config, stamped: Stamped) -> Config:
+    """The settings, where stamps name that instant of a scan."""
+    return config.model_copy(update={"tracking": config.tracking.model_copy(update={"stamp": stamped})})
 
 
 def read_start(text: str) -> Start:

@@ -9,12 +9,13 @@ from data.common.errors import UserError
 from data.imu import ImuSamples, read_imu
 from data.plans import Bim, load_bim
 from data.scans import ScanSource
+from data.scans.point_times import Stamped
 from data.scans.sources import open_scans
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
 from sgslam.anchoring import check_storey
 from sgslam.cli.compile_ahead import compile_ahead
-from sgslam.cli.job.arguments import Start, out_folder, read_config, read_start
+from sgslam.cli.job.arguments import Start, out_folder, read_config, read_start, with_stamp
 from sgslam.cli.job.resume_arguments import restore_arguments
 from sgslam.config import Config
 from sgslam.odometry.choice import check_inertial
@@ -81,7 +82,9 @@ def read_job(options: argparse.Namespace, scans: ScanSource | None = None, confi
     prior = None if options.map is None else _prior_map(options, config)
     if options.bim is None and (options.storey is not None or options.start is not None):
         raise UserError("--storey and --start refer to a building; give --bim too")
-    scans = _open_scans(options) if scans is None else scans
+    scans = _open_scans(options, config.tracking.stamp) if scans is None else scans
+    if config.tracking.stamp == "auto":
+        config = with_stamp(config, scans.stamped)
     next(in_metres_and_sensor_frame(scans), None)  # wrong ones are refused before the output folder is touched
     if not scans.is_dense:  # too far apart to be registered
         config = config.model_copy(update={"odometry": config.odometry.model_copy(update={"given": "exact"})})
@@ -109,12 +112,14 @@ def read_job(options: argparse.Namespace, scans: ScanSource | None = None, confi
     )  # fmt: skip
 
 
-def _open_scans(options: argparse.Namespace) -> ScanSource:
+def _open_scans(options: argparse.Namespace, stamped: Stamped) -> ScanSource:
     if options.slam_output is None:
-        return open_scans(options.scan_dir, options.topic)
+        return open_scans(options.scan_dir, options.topic, stamped)
     from data.slam_output import open_slam_output
 
-    return open_slam_output(options.slam_output, options.scan_dir, options.topic, options.cloud, options.times)
+    return open_slam_output(
+        options.slam_output, options.scan_dir, options.topic, options.cloud, options.times, stamped
+    )  # fmt: skip
 
 
 def _prior_map(options: argparse.Namespace, config: Config) -> PriorMap:

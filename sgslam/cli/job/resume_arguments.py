@@ -9,7 +9,7 @@ from data.scans.evalio import is_evalio
 from sgslam.session.checkpoints import about_run
 
 _PATHS = ("scan_dir", "bim", "ground_truth", "map", "imu", "slam_output", "cloud", "times")
-_WORDS = ("topic", "imu_topic", "start", "storey", "mount", "tolerance", "odometry", "single_pass")
+_WORDS = ("topic", "imu_topic", "start", "storey", "mount", "stamp", "tolerance", "odometry", "single_pass")
 
 
 def run_arguments(options: argparse.Namespace) -> dict[str, str | bool | None]:

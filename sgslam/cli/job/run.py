@@ -160,6 +160,7 @@ def _about(job: Job, result: Result) -> dict[str, str]:
     if first >= _DATED:  # else the clock of the scans counts from another instant
         about["Measured"] = datetime.fromtimestamp(first / 1e9, UTC).strftime("%Y-%m-%d %H:%M UTC")
     about["Tolerance"] = f"{1000 * result.config.as_built.tolerance:g} mm" if result.anchored else ""
+    about["Stamps"] = f"{result.config.tracking.stamp} of a scan"
     about["Odometry"] = job.config.odometry.method
     about["Version"] = f"sgslam {version('sgslam')}"
     return {name: text for name, text in about.items() if text}
