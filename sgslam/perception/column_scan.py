@@ -11,7 +11,7 @@ from data.common.compiled import compiled
 Floats = NDArray[np.float64]
 Contour = tuple[NDArray[np.int64], Floats]  # columns (M,), and x y (M, 2) of the one point of each
 _RING_STEP = 0.014  # of z over distance; closer points of one column belong to one ring
-_WIDEST = 8 * _RING_STEP  # likewise; a surface is not followed across wider gaps, unless the sensor's rings are as far apart
+_WIDEST = 8 * _RING_STEP  # likewise; no surface is followed across wider gaps, unless the rings are as far apart
 _MISSING = 1.5  # of the usual step between rings: below it, no ring between two points is missing
 _LAGS = 4  # neighbours within a column that are compared
 
