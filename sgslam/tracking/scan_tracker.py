@@ -125,7 +125,7 @@ class ScanTracker(Stateful):
         if not self._level.known:
             if isinstance(self._odometry, TimedOdometry):
                 released = self._odometry.release()
-                self._found = released if len(released) == len(self._found) else self._found
+                self._found = self._found if self.follows_given else released
             self._level.settle(self._found)
             self._T_level_source = self._T_level_now()
             self._odometry.level(self._T_level_source[2, :3])

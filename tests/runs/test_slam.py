@@ -311,3 +311,29 @@ def test_odometry_that_is_not_a_pose_is_refused(drive: Drive) -> None:
         with pytest.raises(UserError, match="T_odom_sensor"):
             slam.add_scan(stamp_ns, points, T_odom_sensor=bad)
     assert len(fed(slam, drive.scans[2:4]).finish().trajectory) == 4
+
+
+class FailingMatcher:
+    """Raises once."""
+
+    def __init__(self) -> None:
+        self.has_failed = False
+
+    def match(self, s: SceneGraph, a: SceneGraph) -> Answer:
+        if not self.has_failed:
+            self.has_failed = True
+            raise RuntimeError("the matcher failed")
+        return Answer("none", (), (), None, None)
+
+
+def test_after_a_matcher_that_raised_no_scan_is_missing(drive: Drive) -> None:
+    """The first seconds' scans come to the map in one call."""
+    matcher = FailingMatcher()
+    slam, failed = SceneGraphSlam(drive.bim, matcher), 0
+    for stamp_ns, points in drive.scans[:80]:
+        try:
+            slam.add_scan(stamp_ns, points, np.zeros(len(points)))
+        except RuntimeError:
+            failed += 1
+            assert slam.seconds["matching"] > 0  # that took time, too
+    assert failed == 1 and len(slam.finish().trajectory_map) == 80
