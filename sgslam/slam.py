@@ -73,9 +73,9 @@ class SceneGraphSlam:
 
         `point_times` (N,) are the seconds after the stamp at which the points were measured; without them the setting
         `tracking.point_times` counts. `T_odom_sensor` (4, 4), if given, replaces the odometry for this scan, or
-        is an additional measurement for it, depending on the setting `odometry.given`: a pose that replaces is given for
-        all scans or for none, one that is measured for any. `step_covariance` (6, 6) is that
-        of its motion since the previous scan, rotation (rad) first, in the sensor's axes (default: from the settings).
+        is an additional measurement for it, depending on the setting `odometry.given`: one that replaces must be given
+        for all scans or for none, measured ones may be given for some. `step_covariance` (6, 6) is that of its motion
+        since the previous scan, rotation (rad) first, in the sensor's axes (default: from the settings).
         Raises UserError for stamps that do not increase, points or times that are not finite, a `T_odom_sensor` that is
         not a rigid motion or is given for some scans only where it replaces the odometry, and a `step_covariance` that
         is not a covariance; the run continues without that scan, which may come again corrected.

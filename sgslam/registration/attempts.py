@@ -20,7 +20,7 @@ def _turns(degrees: tuple[float, ...]) -> Floats:
     return turns
 
 
-_LOST_TURNS = _turns((-90.0, -60.0, -30.0, 30.0, 60.0, 90.0))  # while the sensor was lost
+_LOST_TURNS = _turns((-60.0, -30.0, 30.0, 60.0, 90.0))  # while the sensor was lost
 _SWINGS = _turns((-36.0, -18.0, 18.0, 36.0))  # from the prediction: a hand turns back by as much within a scan
 _FEW = 4  # iterations that show which of many predictions lead to the map
 _FINISHED = 2  # of these predictions, so many
