@@ -56,6 +56,7 @@ class SceneGraphSlam:
         self._tracking = RunTracker(config, odometry)
         self._session = Session(config, a_graph, matcher, prior, storey)
         self._map = self._session.begin(clouds, self._stopwatch)
+        self._steps: list[TrackingStep] = []  # that are not in the map yet
         self._kept: list[TrackedScan] = []  # the newest scans, while they are lost or unconfirmed
         self._advice: list[str] = []  # of a tracker elsewhere
 
@@ -72,10 +73,12 @@ class SceneGraphSlam:
 
         `point_times` (N,) are the seconds after the stamp at which the points were measured; without them the setting
         `tracking.point_times` counts. `T_odom_sensor` (4, 4), if given, replaces the odometry for this scan, or
-        is an additional measurement for it, depending on the setting `odometry.given`; `step_covariance` (6, 6) is that
-        of its motion since the previous scan, rotation (rad) first, in the sensor's axes (default: from the settings).
+        is an additional measurement for it, depending on the setting `odometry.given`: one that replaces must be given
+        for all scans or for none, measured ones may be given for some. `step_covariance` (6, 6) is that of its motion
+        since the previous scan, rotation (rad) first, in the sensor's axes (default: from the settings).
         Raises UserError for stamps that do not increase, points or times that are not finite, a `T_odom_sensor` that is
-        not a rigid motion, and a `step_covariance` that is not a covariance; the run continues without that scan.
+        not a rigid motion or is given for some scans only where it replaces the odometry, and a `step_covariance` that
+        is not a covariance; the run continues without that scan, which may come again corrected.
 
         In the first seconds, scans wait until the direction of gravity is known; until then, the returned pose is
         provisional. Lost scans wait until a scan fits the map again. If they fit one another for some time but not the
@@ -83,9 +86,8 @@ class SceneGraphSlam:
         building.
         """
         with self._stopwatch("odometry"):  # no step until gravity is known
-            steps = self._tracking.track(stamp_ns, points, point_times, T_odom_sensor, step_covariance)
-        for step in steps:
-            self._take(step)
+            self._steps += self._tracking.track(stamp_ns, points, point_times, T_odom_sensor, step_covariance)
+        self._take_steps()
         return self._update(int(stamp_ns))
 
     def add_tracked(self, step: TrackingStep, advice: Sequence[str] = ()) -> None:
@@ -109,6 +111,11 @@ class SceneGraphSlam:
     def newest_imu_ns(self) -> int | None:
         """The stamp of the newest IMU sample; None before the first."""
         return self._tracking.imu.newest_ns
+
+    def _take_steps(self) -> None:
+        """Takes all steps; where one fails, by a matcher for instance, the others are taken with the next scan."""
+        while self._steps:
+            self._take(self._steps.pop(0))
 
     def _take(self, step: TrackingStep) -> None:
         """Adds a tracked scan to the map, or begins a new map where the sensor was carried elsewhere."""
@@ -162,8 +169,8 @@ class SceneGraphSlam:
 
     def _release(self) -> None:
         """Adds all scans that wait."""
-        for step in self._tracking.release():
-            self._take(step)
+        self._steps += self._tracking.release()
+        self._take_steps()
         self._add_kept()
 
     def finish(self, scans: Iterable[Scan] | None = None) -> Result:

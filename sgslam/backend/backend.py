@@ -200,8 +200,9 @@ class Backend:
         self, inputs: GraphInputs, steps: int, besides: gtsam.NonlinearFactorGraph | None = None
     ) -> str | None:
         """Moves the estimates to the optimum, with the factors `besides` those of the log, or returns why they stay."""
-        known, graph = self.log.graph(), self.log.graph()
+        known = graph = self.log.graph()
         if besides is not None:
+            graph = self.log.graph()
             graph.push_back(besides)
         parameters = gtsam.LevenbergMarquardtParams()
         parameters.setMaxIterations(steps)

@@ -99,7 +99,7 @@ class WallMap(Stateful):
         self.seen: list[SeenWall] = []
         self.planes_in_map: dict[int, Floats] = {}
         self.T_level_map: Floats = np.eye(4)
-        self._extent: dict[int, tuple[float, float, int]] = {}  # low, high, keyframes
+        self._extent: dict[int, tuple[float, float, set[int]]] = {}  # low, high, keyframes
         self._intervals: list[tuple[int, float, float]] = []  # wall, low, high of each observation
         self._across, self._along = np.empty(0), np.empty(0)  # m, each observation's centre relative to its wall
         self._joined_into: dict[int, int] = {}
@@ -123,7 +123,7 @@ class WallMap(Stateful):
             self._register.order.append(self._storey)
             self.planes_in_map.setdefault(wall, plane_in_map)
         normals, _ = self._as_lines(np.stack([self.planes_in_map[wall] for wall in walls]))
-        self._widen(np.array(walls), normals, ends_in_level[..., :2])
+        self._widen(np.array(walls), normals, ends_in_level[..., :2], [keyframe] * len(walls))
 
     def absorb(self, other: "WallMap", keyframes: int, wall_of: dict[int, int]) -> None:
         """Adds the observations of another map; `refresh` must follow.
@@ -155,7 +155,7 @@ class WallMap(Stateful):
         middle = ends[..., :2].mean(axis=1)
         self._across = np.sum(middle * normal[owner], axis=1) + offset[owner]
         self._along = middle[:, 1] * normal[owner, 0] - middle[:, 0] * normal[owner, 1]
-        self._widen(ids[owner], normal[owner], ends[..., :2])
+        self._widen(ids[owner], normal[owner], ends[..., :2], [s.keyframe for s in self.seen])
 
     @property
     def lines(self) -> Lines:
@@ -177,8 +177,8 @@ class WallMap(Stateful):
             none = np.empty(0)
             return Lines(ids, np.empty((0, 2)), none, none, none, ids)
         normal, offset = self._as_lines(np.stack([self.planes_in_map[i] for i in ids]))
-        extent = np.array([self._extent[i] for i in ids.tolist()])
-        return Lines(ids, normal, offset, extent[:, 0], extent[:, 1], extent[:, 2].astype(np.int64))
+        low, high, keyframes = zip(*(self._extent[i] for i in ids.tolist()), strict=True)
+        return Lines(ids, normal, offset, np.array(low), np.array(high), np.array([len(own) for own in keyframes]))
 
     def coverage(self, step: float) -> dict[int, Floats]:
         """For each wall, the positions (m) along its tangent, `step` apart, at which it was seen."""
@@ -201,10 +201,7 @@ class WallMap(Stateful):
 
     def counts(self) -> dict[int, int]:
         """For each wall, the number of keyframes that saw it."""
-        seen: dict[int, set[int]] = {}
-        for s in self.seen:
-            seen.setdefault(s.wall, set()).add(s.keyframe)
-        return {wall: len(keyframes) for wall, keyframes in seen.items()}
+        return {wall: len(keyframes) for wall, (_, _, keyframes) in self._extent.items()}
 
     def lower_ends(self) -> dict[int, float]:
         """For each wall, the first quartile of the lowest points (m above the floor) of its observations."""
@@ -275,9 +272,9 @@ class WallMap(Stateful):
         for s in self.seen:
             if s.wall == gone:
                 s.wall = kept
-        low, high, count = self._extent.pop(gone)
+        low, high, keyframes = self._extent.pop(gone)
         mine = self._extent[kept]
-        self._extent[kept] = (min(mine[0], low), max(mine[1], high), mine[2] + count)
+        self._extent[kept] = (min(mine[0], low), max(mine[1], high), mine[2] | keyframes)
         self._intervals = [(kept if wall == gone else wall, a, b) for wall, a, b in self._intervals]
         del self.planes_in_map[gone]
 
@@ -310,13 +307,15 @@ class WallMap(Stateful):
             walls.append(int(lines.ids[row]) if known else self._register.number())
         return walls
 
-    def _widen(self, walls: NDArray[np.int64], normals: Floats, ends: Floats) -> None:
-        """Extends walls (N,) with normals (N, 2) by pieces that end at `ends` (N, 2, 2)."""
+    def _widen(self, walls: NDArray[np.int64], normals: Floats, ends: Floats, keyframes: list[int]) -> None:
+        """Extends walls (N,) with normals (N, 2) by pieces that end at `ends` (N, 2, 2), seen by `keyframes` (N,)."""
         along = ends[..., 1] * normals[:, None, 0] - ends[..., 0] * normals[:, None, 1]
         self._lines = None
-        for wall, low, high in zip(walls.tolist(), along.min(axis=1).tolist(), along.max(axis=1).tolist(), strict=True):
-            old = self._extent.get(wall, (np.inf, -np.inf, 0))
-            self._extent[wall] = (min(old[0], low), max(old[1], high), old[2] + 1)
+        reach = zip(walls.tolist(), along.min(axis=1).tolist(), along.max(axis=1).tolist(), keyframes, strict=True)
+        for wall, low, high, keyframe in reach:
+            old = self._extent.get(wall, (np.inf, -np.inf, set()))
+            old[2].add(keyframe)
+            self._extent[wall] = (min(old[0], low), max(old[1], high), old[2])
             self._intervals.append((wall, low, high))
 
 

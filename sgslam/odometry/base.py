@@ -16,7 +16,11 @@ State = Mapping[str, Any]
 
 
 class Odometry(Protocol):
-    """Anything that tracks the sensor from scan to scan. The frame `odom` is the frame of its first pose."""
+    """Anything that tracks the sensor from scan to scan. The frame `odom` is the frame of its first pose.
+
+    The stamps increase. Where the sensor was carried elsewhere, a run restores the state from before the first scan,
+    and registers the scans since then again: another frame `odom` begins. One without a state goes on instead.
+    """
 
     @property
     def residual(self) -> float:
@@ -48,5 +52,5 @@ class Odometry(Protocol):
         ...
 
     def restore(self, state: State) -> None:
-        """Restores what `state` returned."""
+        """Restores what `state` returned; nothing remains of scans that were registered since."""
         ...

@@ -157,7 +157,7 @@ class ContinuousTimeOdometry:
         """Whether no scan came for long before this one, and nothing else measured how the sensor moved."""
         last, begins, ends = self._beliefs[-1].seconds, float(scan.knot_seconds[0]), float(scan.knot_seconds[-1])
         usual, self._interval = self._interval, min(self._interval, ends - last)
-        if self._given is not None or begins - last <= max(self._settings.pause, _PAUSE * usual):
+        if begins - last <= max(self._settings.pause, _PAUSE * usual) or self._is_given(last, begins):
             return False
         turns = NO_TURNS if self._imu is None else self._imu.turns(np.array([last, begins]))
         return not (len(turns.information) and bool((turns.information > 0).all()))
@@ -182,7 +182,8 @@ class ContinuousTimeOdometry:
         steps, given = NO_STEPS, None
         if self._given is not None and self._first_ns is not None:
             steps = self._given.steps(self._first_ns, seconds)
-            given = list(self._given.moved(self._first_ns, known[-1], after[0], after[1:]))
+            if self._is_given(after[0], after[-1]):
+                given = list(self._given.moved(self._first_ns, known[-1], after[0], after[1:]))
 
         def attempt(guess: list[Floats], kernel: float, iterations: int) -> Solved:
             weights = self._weights._replace(iterations=iterations)
@@ -274,20 +275,23 @@ class ContinuousTimeOdometry:
             belief = replace(belief, T=T)
             self._imu.lose()
         knots = np.tile(belief.T, (len(scan.knot_seconds), 1, 1))
-        if self._given is not None and self._beliefs:
-            belief, knots = self._carried_on(belief, before.observed or before, scan.knot_seconds, self._given)
+        last = before.observed or before
+        if self._beliefs and self._is_given(last.seconds, belief.seconds):
+            belief, knots = self._carried_on(belief, last, scan.knot_seconds)
         self._lost, self._lost_at, self._older = True, float(scan.knot_seconds[-1]), None
         self._beliefs = [belief] if self._beliefs else []
         return _Found(knots, belief.covariance, "lost", share)
 
-    def _carried_on(
-        self, belief: Belief, last: Belief, seconds: Floats, given: GivenMotion
-    ) -> tuple[Belief, Floats]:
+    def _is_given(self, begin: float, end: float) -> bool:
+        """Whether another system tells the motion between two times (s)."""
+        return self._given is not None and self._first_ns is not None and self._given.tells(self._first_ns, begin, end)
+
+    def _carried_on(self, belief: Belief, last: Belief, seconds: Floats) -> tuple[Belief, Floats]:
         """A belief, and the knots (K, 4, 4) of a lost scan at times (K,), where the sensor moved from the `last`
         observed one as another system has it."""
-        assert self._first_ns is not None
-        knots = given.moved(self._first_ns, last.T, last.seconds, seconds)
-        covariance = last.covariance + given.covariance(self._first_ns, last.seconds, belief.seconds)
+        assert self._first_ns is not None and self._given is not None
+        knots = self._given.moved(self._first_ns, last.T, last.seconds, seconds)
+        covariance = last.covariance + self._given.covariance(self._first_ns, last.seconds, belief.seconds)
         return replace(belief, T=knots[-1], covariance=covariance), knots
 
     def look_back(self, results: list[Registration]) -> list[Registration]:

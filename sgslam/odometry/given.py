@@ -39,6 +39,11 @@ class GivenPoses:
         self._outlier_ns = 0  # for how long steps have been outliers
         self._warned = False
 
+    @property
+    def has_begun(self) -> bool:
+        """Whether a pose was given."""
+        return self._pose is not None
+
     def register(self, stamp_ns: int, T_given_sensor: Floats, point_times: Floats | None = None) -> Registration:
         """The registration of a scan at a given pose (4, 4), points measured `point_times` (N,) seconds after it."""
         if self._pose is None:

@@ -77,6 +77,11 @@ class GivenMotion(Stateful):
                 information[k] = 1 / self._variance_of(begin, end)
         return Steps(poses, information)
 
+    def tells(self, first_ns: int, begin: float, end: float) -> bool:
+        """Whether there are poses near both times, so that the motion from one to the other is known."""
+        ends = np.array([[self._stamp_ns(first_ns, second)] for second in (begin, end)])
+        return len(self._poses) > 1 and bool(np.all(np.abs(ends - self._stamps_ns).min(axis=1) <= _GAP_NS))
+
     def moved(self, first_ns: int, T: Floats, begin: float, seconds: Floats) -> Floats:
         """(K, 4, 4) the poses at times (K,) of a sensor that was at T (4, 4) at the time `begin`."""
         return np.stack([T @ self.between(first_ns, begin, second) for second in seconds])

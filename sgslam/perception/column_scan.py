@@ -11,6 +11,8 @@ from data.common.compiled import compiled
 Floats = NDArray[np.float64]
 Contour = tuple[NDArray[np.int64], Floats]  # columns (M,), and x y (M, 2) of the one point of each
 _RING_STEP = 0.014  # of z over distance; closer points of one column belong to one ring
+_WIDEST = 8 * _RING_STEP  # likewise; no surface is followed across wider gaps, unless the rings are as far apart
+_MISSING = 1.5  # of the usual step between rings: below it, no ring between two points is missing
 _LAGS = 4  # neighbours within a column that are compared
 
 
@@ -47,9 +49,12 @@ def sort_into_columns(points: Floats, columns: int, every: int = 1) -> ColumnSca
     points, column = points.take(order, axis=0), column[order]
     distance, slope, z = distance[order], slope[order], z[order]
     upright = np.zeros(len(points), bool)
+    steps = np.diff(slope)[column[1:] == column[:-1]]
+    rings = steps[steps > _RING_STEP]
+    widest = max(_WIDEST, _MISSING * float(np.median(rings))) if len(rings) else _WIDEST
     for lag in range(1, min(_LAGS, len(points) - 1) + 1):
         step = slope[lag:] - slope[:-lag]
-        pair = (column[lag:] == column[:-lag]) & (step > _RING_STEP) & (step < 8 * _RING_STEP)
+        pair = (column[lag:] == column[:-lag]) & (step > _RING_STEP) & (step < widest)
         away = np.abs(distance[lag:] - distance[:-lag])
         rise = np.abs(z[lag:] - z[:-lag])
         holds = pair & (away < 0.06 + 0.1 * rise)

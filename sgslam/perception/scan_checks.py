@@ -26,12 +26,13 @@ class RawScan:
 
 
 def checked_scan(
-    stamp_ns: int, points: NDArray[np.floating[Any]], T_odom_sensor: Floats | None, newest_ns: int | None
-) -> Floats:
-    """The points (N, 3) of a scan as float64.
+    stamp_ns: int, points: NDArray[np.floating[Any]], point_times: ArrayLike | None, T_odom_sensor: ArrayLike | None,
+    step_covariance: ArrayLike | None, newest_ns: int | None,
+) -> RawScan:  # fmt: skip
+    """A scan as float64.
 
-    Raises UserError for a stamp that is not an integer or not later than `newest_ns`, for no or non-finite points, and
-    for a `T_odom_sensor` that is not a rigid motion.
+    Raises UserError for a stamp that is not an integer or not later than `newest_ns`, for no or non-finite points, for
+    invalid times, for a `T_odom_sensor` that is not a rigid motion, and for a `step_covariance` that is none.
     """
     where = f"scan at {stamp_ns} ns"
     try:
@@ -46,9 +47,20 @@ def checked_scan(
         raise UserError(f"{where}: the stamp must be a whole number of nanoseconds, not {type(stamp_ns).__name__}")
     if newest_ns is not None and stamp_ns <= newest_ns:
         raise UserError(f"{where}: stamps must increase; the last was {newest_ns} ns")
-    if T_odom_sensor is not None and not is_rigid(T_odom_sensor):
+    pose = None if T_odom_sensor is None else _numbers(T_odom_sensor)
+    if pose is not None and not is_rigid(pose):
         raise UserError(f"{where}: T_odom_sensor must be a finite rigid motion (4, 4)")
-    return checked
+    times = None if point_times is None else _checked_times(point_times, len(checked), stamp_ns)
+    step = None if step_covariance is None else checked_covariance(step_covariance, int(stamp_ns))
+    return RawScan(int(stamp_ns), checked, times, pose, step)
+
+
+def _numbers(values: ArrayLike) -> Floats:
+    """The values as an array of a caller's numbers; empty where they are none."""
+    try:
+        return np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        return np.empty(0)
 
 
 def _array_of(points: Any) -> Any:
@@ -58,12 +70,9 @@ def _array_of(points: Any) -> Any:
     return getattr(points, "points", points)
 
 
-def checked_times(point_times: ArrayLike, count: int, stamp_ns: int) -> Floats:
+def _checked_times(point_times: ArrayLike, count: int, stamp_ns: int) -> Floats:
     """(N,) seconds after the stamp for each of `count` points; raises UserError for invalid times."""
-    try:
-        seconds = np.asarray(point_times, dtype=np.float64)
-    except (TypeError, ValueError):
-        seconds = np.empty(0)
+    seconds = _numbers(point_times)
     if seconds.shape != (count,) or not np.isfinite(seconds.sum()):
         raise UserError(f"scan at {stamp_ns} ns: point_times must be ({count},) finite seconds after the stamp")
     if np.abs(seconds).max() > LONGEST_SCAN:
@@ -76,10 +85,7 @@ def checked_times(point_times: ArrayLike, count: int, stamp_ns: int) -> Floats:
 
 def checked_covariance(covariance: ArrayLike, stamp_ns: int) -> Floats:
     """(6, 6) the covariance of a step; raises UserError where it is not symmetric or has a negative variance."""
-    try:
-        found = np.asarray(covariance, dtype=np.float64)
-    except (TypeError, ValueError):
-        found = np.empty(0)
+    found = _numbers(covariance)
     is_one = found.shape == (6, 6) and np.isfinite(found.sum()) and np.allclose(found, found.T, rtol=1e-6)
     if not is_one or np.linalg.eigvalsh(found)[0] < -1e-9 * np.abs(found).max():
         raise UserError(f"scan at {stamp_ns} ns: step_covariance must be a covariance (6, 6), rotation first")

@@ -18,5 +18,7 @@ class Stopwatch:
     def __call__(self, stage: str) -> Iterator[None]:
         """Context that adds its duration to the stage."""
         began = self._clock()
-        yield
-        self.seconds[stage] += self._clock() - began
+        try:
+            yield
+        finally:
+            self.seconds[stage] += self._clock() - began

@@ -10,6 +10,7 @@ from sgslam.mapping import FloorMap, Floors
 from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
+_MOST = 1000  # places since the floor was left that are looked at, more than a minute on a landing
 
 
 @dataclass(frozen=True)
@@ -30,12 +31,15 @@ class FloorTransition(Stateful):
     `active`: between two floors. `ground` (m): height of the ground under the robot above its floor, on steps or ramps.
     """
 
-    _STATE = ("active", "ground", "_way")
+    _STATE = ("active", "ground", "_way", "_lowest", "_highest")
 
     def __init__(self, settings: FloorSettings) -> None:
         self._settings = settings
         self.active, self.ground = False, 0.0
-        self._way: list[Floats] = []  # x, y and height of the ground since the floor was left, level frame
+        # (N, 3) x, y and height of the ground in the level frame: the newest since the floor was left, as far as they
+        # may be level ground; and the extreme heights of all
+        self._way: Floats = np.empty((0, 3))
+        self._lowest, self._highest = 0.0, 0.0
 
     def follow(self, T_level_sensor: Floats, T_level_map: Floats, height: float, floors: Floors) -> Arrival | None:
         """Adds a pose (4, 4) in the level frame of the present floor; returns the arrival on a floor, if any.
@@ -46,15 +50,20 @@ class FloorTransition(Stateful):
         here = np.array([*T_level_sensor[:2, 3], T_level_sensor[2, 3] - height])
         if not self.active:
             self.active = abs(here[2] - self.ground) > settings.left
-            self._way = [here] if self.active else []
+            self._way = here[None]
+            self._lowest = self._highest = float(here[2])
             return None
-        self._way.append(here)
-        way = np.stack(self._way)
+        self._lowest, self._highest = min(self._lowest, float(here[2])), max(self._highest, float(here[2]))
+        way = np.vstack([self._way, here])
+        back = way[::-1, 2]
+        climb = (np.maximum.accumulate(back) - np.minimum.accumulate(back))[::-1]  # from each place to here
+        way = way[np.searchsorted(-climb, -2 * settings.flat) :]
+        self._way = way if len(way) <= _MOST else way[::2]
         uneven = np.flatnonzero(np.abs(way[:, 2] - here[2]) > settings.flat)
         since = way[uneven[-1] + 1 :] if len(uneven) else way
         if float(np.linalg.norm(since[:, :2] - here[:2], axis=1).max()) < settings.level_way:
             return None
-        return self._arrival(float(np.median(since[:, 2])), float(np.ptp(way[:, 2])), T_level_map, floors)
+        return self._arrival(float(np.median(since[:, 2])), self._highest - self._lowest, T_level_map, floors)
 
     def _arrival(self, ground: float, climbed: float, T_level_map: Floats, floors: Floors) -> Arrival:
         """The arrival on ground of this height, after so many metres of climbing."""
@@ -69,7 +78,7 @@ class FloorTransition(Stateful):
 
     def end(self, arrival: Arrival) -> None:
         """Ends the transition: the sensor is over level ground again."""
-        self.active, self.ground, self._way = False, 0.0 if arrival.floor is None else arrival.height, []
+        self.active, self.ground = False, 0.0 if arrival.floor is None else arrival.height
 
 
 def _height_of(floor: FloorMap, T_level_map: Floats) -> float:

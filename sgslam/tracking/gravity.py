@@ -1,7 +1,7 @@
 """The vertical from the surfaces of a building: walls are upright, floors and ceilings level.
 
 Most surfaces are parallel or perpendicular to the vertical, but in most buildings also to two other directions. Which
-one is the vertical, and which end is up, is decided by cues (`gravity_cues`, `gravity_sign`), summed as log odds.
+one is the vertical is decided by cues (`gravity_cues`), summed as log odds; which end is up, by the expected mount.
 """
 
 from dataclasses import dataclass
@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.tracking.gravity_cues import UprightView, axis_log_odds
-from sgslam.tracking.gravity_sign import sign_log_odds
 
 Floats = NDArray[np.float64]
 Mounts = tuple[tuple[float, float, float], ...]
@@ -30,7 +29,6 @@ STATED = ((0.95, 0.0, 0.26), (0.05, 0.0, 0.7))  # the same for a stated mount: a
 LEAST_AXIS_ODDS = 1.5  # natural logarithm; below, the axis is not sure
 NEAR = float(np.cos(np.radians(45.0)))  # of the expected vertical, as it is mounted on most carriers
 SIGN_SURE = 1.0  # likewise
-HOPELESS = 6.0  # likewise: so far behind, a candidate is not the vertical whatever its sign says
 LEAST_FITTING = 0.3  # share of surfaces parallel or square to the vertical; under a bare roof there may be fewer
 NORMAL_SIGMA = np.radians(4.0)  # of a surfel's normal, with what surfels of one wall have in common
 ALIKE = 3.0  # surfels of one surface share errors: so many count as one measurement of its direction
@@ -41,15 +39,13 @@ class Gravity:
     """The vertical in the frame of the surfels: `up_in_odom` (3,), a unit vector, and `sigma` (rad) of its direction.
 
     Natural log odds: `axis_odds` against the next best vertical, expectation and all; `sign_odds` against upside down,
-    likewise; `sign_seen`, what the surfaces alone say of that: near zero where they look alike either way up, and the
-    sign is the expected one.
+    by the expectation alone: of that, the surfaces of a few seconds show little.
     """
 
     up_in_odom: Floats
     sigma: float
     axis_odds: float
     sign_odds: float
-    sign_seen: float
 
     @property
     def axis_sure(self) -> bool:
@@ -58,7 +54,7 @@ class Gravity:
 
     @property
     def sign_sure(self) -> bool:
-        """Whether surfaces and expected mount together tell which end is up."""
+        """Whether the expected mount tells which end is up."""
         return self.sign_odds >= SIGN_SURE
 
 
@@ -66,7 +62,6 @@ class Gravity:
 class _Candidate:
     axis: Floats
     odds: float  # that it is the vertical, without the expected mount
-    sign: float  # log odds that its end is up, without the expected mount
 
 
 def estimate_gravity(
@@ -89,16 +84,16 @@ def estimate_gravity(
     if not views:
         return None
     mounts = STATED if is_stated else MOUNTS
-    candidates = _judged(views, expected, mounts)
-    up, axis_odds, sign_odds, sign_seen = _choose(candidates, expected, mounts)
+    candidates = [_Candidate(view.up, axis_log_odds(view)) for view in views]
+    up, axis_odds, sign_odds = _choose(candidates, expected, mounts)
     if axis_odds < LEAST_AXIS_ODDS and up @ expected < NEAR:
         candidates = [candidate for candidate in candidates if abs(candidate.axis @ expected) > NEAR]
         if not candidates:
             return None
-        up, _, sign_odds, sign_seen = _choose(candidates, expected, mounts)
+        up, _, sign_odds = _choose(candidates, expected, mounts)
     if _fitting(up, normals, capped) < LEAST_FITTING:
         return None
-    return Gravity(up, _sigma(up, normals, capped), axis_odds, sign_odds, sign_seen)
+    return Gravity(up, _sigma(up, normals, capped), axis_odds, sign_odds)
 
 
 def refined_up(up: Floats, normals: Floats, counts: Floats) -> tuple[Floats, float] | None:
@@ -156,16 +151,6 @@ def _refined(axis: Floats, normals: Floats, weights: Floats) -> tuple[float, Flo
     return fitting, axis
 
 
-def _judged(views: list[UprightView], expected_up: Floats, mounts: Mounts) -> list[_Candidate]:
-    """The candidates; their signs, which take the most time, only where they can matter."""
-    odds = np.array([axis_log_odds(view) for view in views])
-    likely = odds + [
-        max(_expectation(view.up, expected_up, mounts), _expectation(-view.up, expected_up, mounts)) for view in views
-    ]
-    signs = [sign_log_odds(v) if o > likely.max() - HOPELESS else 0.0 for v, o in zip(views, likely, strict=True)]
-    return [_Candidate(view.up, float(o), sign) for view, o, sign in zip(views, odds, signs, strict=True)]
-
-
 def _expectation(up: Floats, expected_up: Floats, mounts: Mounts) -> float:
     """The log density of a mount whose vertical lies so far from the expected one."""
     angle = np.arccos(np.clip(up @ expected_up, -1.0, 1.0))
@@ -173,17 +158,16 @@ def _expectation(up: Floats, expected_up: Floats, mounts: Mounts) -> float:
     return float(np.log(sum(densities)))
 
 
-def _choose(candidates: list[_Candidate], expected_up: Floats, mounts: Mounts) -> tuple[Floats, float, float, float]:
-    """The likeliest vertical, its log odds against all other axes and against upside down, and the latter as seen."""
-    ends = [(c.axis * end, c.sign * end, c) for c in candidates for end in (1.0, -1.0)]
-    # the sign's odds share out those of the axis: an axis is no likelier for having one end unlike the other
-    odds = np.array([c.odds - np.logaddexp(0.0, -sign) + _expectation(up, expected_up, mounts) for up, sign, c in ends])
+def _choose(candidates: list[_Candidate], expected_up: Floats, mounts: Mounts) -> tuple[Floats, float, float]:
+    """The likeliest vertical, its log odds against all other axes and against upside down."""
+    ends = [(c.axis * end, c) for c in candidates for end in (1.0, -1.0)]
+    odds = np.array([c.odds + _expectation(up, expected_up, mounts) for up, c in ends])
     best = int(np.argmax(odds))
-    up, sign, chosen = ends[best]
-    others = [o for o, (_, _, c) in zip(odds, ends, strict=True) if c is not chosen]
+    up, chosen = ends[best]
+    others = [o for o, (_, c) in zip(odds, ends, strict=True) if c is not chosen]
     flipped = odds[best ^ 1]
     axis_odds = np.logaddexp(odds[best], flipped) - np.logaddexp.reduce(others) if others else np.inf
-    return up, float(axis_odds), float(odds[best] - flipped), sign
+    return up, float(axis_odds), float(odds[best] - flipped)
 
 
 def _fitting(up: Floats, normals: Floats, weights: Floats) -> float:

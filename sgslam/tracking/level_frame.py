@@ -49,8 +49,8 @@ class LevelFrame(Stateful):
 
     @property
     def is_way_up_assumed(self) -> bool:
-        """Whether the sensor is taken not to hang upside down, without a stated mount or an accelerometer: in one
-        building of three the surfaces of the first seconds look alike both ways up, or worse."""
+        """Whether the sensor is taken not to hang upside down, without a stated mount or an accelerometer:
+        the surfaces of the first seconds look much alike both ways up."""
         return self._settings.mount is None and self._measured is None
 
     @property

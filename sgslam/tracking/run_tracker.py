@@ -1,6 +1,7 @@
 """Tracks all scans of a run, and starts again where the sensor was carried elsewhere. It knows nothing of the map."""
 
-from dataclasses import dataclass
+from copy import deepcopy
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -13,7 +14,6 @@ from sgslam.inertial import ImuBuffer
 from sgslam.odometry import Odometry, make_odometry
 from sgslam.odometry.given_motion import GivenMotion
 from sgslam.perception import RawScan, checked_scan
-from sgslam.perception.scan_checks import checked_covariance
 from sgslam.tracking.clock_offset import ClockOffset
 from sgslam.tracking.scan_tracker import ScanTracker, TrackedScan
 
@@ -40,6 +40,7 @@ class RunTracker:
 
     def __init__(self, config: Config, odometry: Odometry | None = None) -> None:
         self._config, self._given_odometry = config, odometry
+        self._fresh = None if odometry is None else _state_of(odometry)
         self.imu = ImuBuffer(config.imu)
         own = odometry is None and config.odometry.method == "continuous_time"
         self._given_motion = GivenMotion(config.odometry) if own and config.odometry.given == "measured" else None
@@ -57,13 +58,24 @@ class RunTracker:
 
         The arguments and what is raised are those of `SceneGraphSlam.add_scan`.
         """
-        checked = checked_scan(stamp_ns, points, T_odom_sensor, self.newest_ns)
-        step = None if step_covariance is None else checked_covariance(step_covariance, int(stamp_ns))
-        self.newest_ns = int(stamp_ns)
-        if self._given_motion is not None and T_odom_sensor is not None:
-            self._given_motion.add(self.newest_ns, T_odom_sensor, step)
-            T_odom_sensor = step = None  # the scan is registered
-        return self._tracked(RawScan(int(stamp_ns), checked, point_times, T_odom_sensor, step))
+        raw = checked_scan(stamp_ns, points, point_times, T_odom_sensor, step_covariance, self.newest_ns)
+        if self._given_motion is None:
+            self._check_same_frame(raw)
+        elif raw.T_odom_sensor is not None:
+            self._given_motion.add(raw.stamp_ns, raw.T_odom_sensor, raw.step_covariance)
+            raw = replace(raw, T_odom_sensor=None, step_covariance=None)  # it is registered
+        steps = self._tracked(raw)
+        self.newest_ns = raw.stamp_ns
+        return steps
+
+    def _check_same_frame(self, raw: RawScan) -> None:
+        """Raises UserError where only some scans have poses: these are in another frame than the odometry's."""
+        if self.newest_ns is not None and self._tracker.follows_given == (raw.T_odom_sensor is None):
+            given = "has no T_odom_sensor" if raw.T_odom_sensor is None else "has a T_odom_sensor"
+            raise UserError(
+                f"scan at {raw.stamp_ns} ns: {given}, unlike those before; give it for all scans or for none, or set "
+                "odometry.given=measured (with odometry.method=continuous_time)"
+            )
 
     def release(self) -> list[TrackingStep]:
         """The steps of all scans that wait."""
@@ -105,10 +117,11 @@ class RunTracker:
 
     def times_of(self, points: Floats, point_times: Floats | None) -> Floats | None:
         """(N,) the times of a scan's points (N, 3), told or not, by what is known now; None for a snapshot."""
-        return self._tracker.times_of(points, point_times)
+        times = None if point_times is None else np.asarray(point_times, np.float64)
+        return self._tracker.times_of(points, times)
 
     def _begin(self) -> ScanTracker:
-        """A new tracker. The built-in odometry restarts; an odometry that the caller passed is kept."""
+        """A new tracker, with a new odometry unless the caller passed one."""
         config, given = self._config, self._given_motion
         odometry = self._given_odometry or make_odometry(config.odometry, config.tracking, self.imu, given)
         return ScanTracker(config, odometry, self.imu, given)
@@ -121,7 +134,7 @@ class RunTracker:
         steps: list[TrackingStep] = []
         for number, found in enumerate(tracked):
             scan = self._tracker.confirmed(found)
-            if self._tracker.was_carried_elsewhere(scan):
+            if self._tracker.was_carried_elsewhere(scan) and self._can_begin_again(scan):
                 return [*steps, *self._begin_elsewhere(tracked[number:])]
             self._kept = [*self._kept, scan] if scan.waits else []
             self._compare_clocks(scan)
@@ -136,11 +149,17 @@ class RunTracker:
         else:
             self._clock.lose()
 
+    def _can_begin_again(self, scan: TrackedScan) -> bool:
+        """Whether the odometry can forget its scans; one that cannot goes on, and never gets an old scan."""
+        return self._given_odometry is None or self._fresh is not None or scan.raw.T_odom_sensor is not None
+
     def _begin_elsewhere(self, newest: list[TrackedScan]) -> list[TrackingStep]:
         """Tracks the scans since the sensor was carried elsewhere, and the `newest` ones, from the beginning."""
         since_ns = self._tracker.carried_since_ns
         again = [scan.raw for scan in (*self._kept, *newest) if scan.raw.stamp_ns >= since_ns]
         self._advice = [*self._advice, *([line] if (line := self._tracker.advice) else [])]
+        if self._given_odometry is not None and self._fresh is not None:
+            self._given_odometry.restore(deepcopy(self._fresh))
         self._tracker, self._kept = self._begin(), []
         self._clock.lose()
         steps: list[TrackingStep] = [CarriedElsewhere(since_ns)]
@@ -165,3 +184,11 @@ class RunTracker:
         self._tracker.restore(state["tracker"])
         self._clock.restore(state["clock"])
         self.newest_ns, self._kept, self._advice = state["newest_ns"], state["kept"], state["advice"]
+
+
+def _state_of(odometry: Odometry) -> dict[str, Any] | None:
+    """A copy of its state; None where it has none, such as one that stands in where all scans come with poses."""
+    try:
+        return deepcopy(odometry.state())
+    except (AttributeError, NotImplementedError):
+        return None

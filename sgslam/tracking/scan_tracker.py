@@ -15,7 +15,6 @@ from sgslam.odometry.given import GivenPoses
 from sgslam.odometry.given_motion import GivenMotion
 from sgslam.odometry.timed import TimedOdometry
 from sgslam.perception import RawScan
-from sgslam.perception.scan_checks import checked_times
 from sgslam.registration import Health, Registration
 from sgslam.serialization import Stateful
 from sgslam.tracking.level_check import LevelCheck
@@ -84,15 +83,11 @@ class ScanTracker(Stateful):
             odometry.hold()
 
     def track(self, raw: RawScan) -> list[TrackedScan]:
-        """The newest scans whose poses are known: none in the first seconds, until it is known where up is, then all.
-
-        Raises UserError for invalid `point_times`.
-        """
-        times = None if raw.point_times is None else checked_times(raw.point_times, len(raw.points), raw.stamp_ns)
+        """The newest scans whose poses are known: none in the first seconds, until up is known, then all."""
         if raw.T_odom_sensor is None:
-            found = self._odometry.register(raw.stamp_ns, raw.points, times)
+            found = self._odometry.register(raw.stamp_ns, raw.points, raw.point_times)
         else:
-            found = self._given.register(raw.stamp_ns, raw.T_odom_sensor, times)
+            found = self._given.register(raw.stamp_ns, raw.T_odom_sensor, raw.point_times)
         if self._level.known:
             return [self._tracked(raw, found)]
         self._waiting.append(raw)
@@ -105,6 +100,11 @@ class ScanTracker(Stateful):
         if self._level.found:
             self._odometry.level(self._level.likely_up)
         return self.release() if self._is_settled(raw) else []
+
+    @property
+    def follows_given(self) -> bool:
+        """Whether the scans so far came with poses."""
+        return self._given.has_begun
 
     def _measured_up(self) -> Floats | None:
         """(3,) up by the accelerometer in the frame of the first pose, once it shows more than the carrier's steps."""
@@ -127,7 +127,7 @@ class ScanTracker(Stateful):
         if not self._level.known:
             if isinstance(self._odometry, TimedOdometry):
                 released = self._odometry.release()
-                self._found = released if len(released) == len(self._found) else self._found
+                self._found = self._found if self.follows_given else released
             self._level.settle(self._found)
             self._T_level_source = self._T_level_now()
             self._odometry.level(self._T_level_source[2, :3])

@@ -1,5 +1,7 @@
 """When the sensor leaves its floor, and when it arrives on one."""
 
+from time import process_time
+
 import numpy as np
 import pytest
 
@@ -52,3 +54,15 @@ def test_a_platform_belongs_to_its_floor() -> None:
     (arrival,) = arrivals
     assert arrival.floor is not None and arrival.height == pytest.approx(0.9, abs=0.05)
     assert any(between) and not between[-1]
+
+
+@pytest.mark.parametrize("climb", [0.0, 0.1])
+def test_a_transition_that_does_not_end_costs_no_more_with_each_scan(climb: float) -> None:
+    """Someone stays on a landing, or goes up a ramp for ever."""
+    transition, floors, T, times = FloorTransition(Config().floors), Floors(Config()), np.eye(4), []
+    for k in range(4000):
+        T[0, 3], T[2, 3] = 0.3 * np.sin(k / 9) + climb * k, HEIGHT + 0.05 * np.sin(k / 7) + climb * k + bool(k)
+        began = process_time()
+        assert transition.follow(T, np.eye(4), HEIGHT, floors) is None and transition.active == bool(k)
+        times.append(process_time() - began)
+    assert np.median(times[-1000:]) < 3 * np.median(times[500:1500]) + 1e-4

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from surfel_walks import Surfels, rings, surfels_seen, swaying, tilted
 
 from data.geometry.raycast import TriangleScene
-from sgslam.tracking.gravity import SIGN_SURE, Gravity, estimate_gravity
+from sgslam.tracking.gravity import Gravity, estimate_gravity
 
 EXPECTED = np.array([0.0, 0.0, 1.0])
 SENSORS = {"16 rings": rings(-15, 15, 16, 300), "32 rings": rings(-45, 45, 32, 150), "dome": rings(-7, 52, 40, 150)}
@@ -62,13 +62,12 @@ def test_a_tilted_mount_needs_no_flag(sensor: str, degrees: float) -> None:
 
 
 @pytest.mark.parametrize("sensor", SENSORS)
-@pytest.mark.parametrize("mount", [HANGING, LYING], ids=["hanging", "lying"])
-def test_a_sensor_that_hangs_or_lies_is_never_taken_for_another(sensor: str, mount: Array) -> None:
+def test_which_end_of_a_sensor_on_its_side_is_up_is_never_sure_without_its_mount(sensor: str) -> None:
     for seed in range(3):
-        s = seen(mount, sensor, seed)
-        found = estimated(s)
-        if found is not None and found.sign_seen >= SIGN_SURE:
-            assert error_deg(found, s) < 1.5
+        s = seen(LYING, sensor, seed)
+        found, stated = estimated(s), estimated(s, s.up)
+        assert found is None or not found.sign_sure or not found.axis_sure
+        assert stated is not None and stated.sign_sure and error_deg(stated, s) < 1.5
 
 
 @pytest.mark.parametrize("mount", [HANGING, LYING], ids=["hanging", "lying"])
@@ -78,17 +77,6 @@ def test_a_told_mount_settles_the_sign(mount: Array) -> None:
         found = estimated(s, s.up + 0.1)
         assert found is not None
         assert error_deg(found, s) < 1.5
-
-
-@pytest.mark.parametrize("sensor", ["32 rings", "dome"])
-def test_tables_and_a_door_tell_the_sign(sensor: str) -> None:
-    """Hanging, where the dome sees the floor."""
-    for seed in range(4):
-        s = seen(HANGING, sensor, seed)
-        found = estimated(s, s.up)
-        assert found is not None
-        assert found.sign_seen >= SIGN_SURE
-        assert found.sign_seen > 1.5
 
 
 def lone_room(size: tuple[float, float, float], voxel: float = 0.5) -> Surfels:
@@ -130,7 +118,6 @@ def test_a_bare_hall_has_one_vertical_but_no_sign() -> None:
     found = estimated(s, s.up + np.array([0.4, 0.3, 0.0]))
     assert found is not None
     assert error_deg(found, s) < 1.5
-    assert found.sign_seen < SIGN_SURE
     level = np.cross(s.up, [0.6, 0.8, 0.0])
     lying = estimated(s, level)
     assert lying is not None

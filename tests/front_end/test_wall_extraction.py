@@ -45,6 +45,22 @@ def place(observation: WallObservation, T: Array) -> tuple[int, float, float, fl
     return which, angle, abs(offset), float(np.hypot(*(ends[1] - ends[0])))
 
 
+@pytest.mark.parametrize(("beams", "spacing"), [(128, 0.35), (64, 0.5), (16, 2.0), (5, 7.0), (4, 8.0), (3, 15.0)])
+def test_walls_are_found_however_far_apart_the_rings_are(beams: int, spacing: float) -> None:
+    T, half = pose(0.7, -0.4, 0.8, 0.3), spacing * (beams - 1) / 2
+    sensor = SpinningSensor(beams=beams, lowest_deg=-half, highest_deg=half, azimuths=900)
+    found = [place(observation, T) for observation in walls_in(room(*ROOM), T, sensor)]
+    assert {which for which, *_ in found} == {0, 1, 2, 3} and sum(length for *_, length in found) > 18
+    assert all(angle < np.radians(1.0) and offset < 0.02 for _, angle, offset, length in found if length > 1.0)
+
+
+@pytest.mark.parametrize("spacing", [0.5, 2.0, 8.0])
+def test_floors_and_slopes_are_no_walls_however_far_apart_the_rings_are(spacing: float) -> None:
+    beams = round(32 / spacing) + 1
+    sensor = SpinningSensor(beams=beams, lowest_deg=-40.0, highest_deg=-8.0, azimuths=900)
+    assert walls_in([(-30.0, -30.0, -0.2, 30.0, 30.0, 0.0)], pose(0.0, 0.0, 0.8), sensor) == []
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("yaw", np.arange(0.0, 6.28, 0.7))
 def test_the_walls_of_a_room_are_found_at_any_heading(yaw: float) -> None:

@@ -1,5 +1,7 @@
 """Level surfaces over keyframes: which observation is of which surface, and which surface is the floor."""
 
+from time import process_time
+
 import numpy as np
 from boxes import Array, pose
 
@@ -67,3 +69,28 @@ def test_levels_that_turn_out_to_be_one_are_joined() -> None:
     assert {s.level for s in levels.seen} == {0} and set(levels.planes_in_map) == {0}
     found = levels.levels(np.eye(4))
     assert found.area.tolist() == [14.0] and abs(found.height[0] + 1.0) < 0.02
+
+
+def test_the_thousandth_keyframe_costs_as_much_as_the_first_ones() -> None:
+    levels, times = LevelMap(SETTINGS, LevelRegister()), []
+    for k in range(1500):
+        T = pose(3 * np.sin(k / 50), 3 * np.cos(k / 50), 0.0)
+        found = [seen(T, -1.0), seen(T, 1.5, is_floor=False)]
+        began = process_time()
+        levels.add(k, T, found)
+        assert levels.floor() == 0
+        times.append(process_time() - began)
+    assert {s.level for s in levels.seen} == {0, 1} and len(levels.seen) == 3000
+    assert np.median(times[-300:]) < 2 * np.median(times[300:600])
+
+
+def test_levels_are_the_weighted_means_of_all_their_observations() -> None:
+    """Also after two of them were joined: of ceilings, only those near by."""
+    levels, poses = filled([(-1.0, True, 9.0), (1.5, False, 4.0)], [(-0.8, True, 3.0), (1.51, False, 12.0)])
+    found = levels.levels(np.eye(4))
+    np.testing.assert_allclose([found.height.tolist(), found.area.tolist()], [[-1.0, 1.5075, -0.8], [9.0, 16.0, 3.0]])
+    np.testing.assert_allclose(found.centre[1], [0.75, 0.0], atol=1e-9)
+    poses[1, 2, 3] -= 0.19
+    levels.refresh({}, poses)
+    found = levels.levels(pose(0.0, 0.0, 2.0))
+    np.testing.assert_allclose([found.height[0], found.area[0]], [1.0025, 12.0])

@@ -51,6 +51,15 @@ def test_one_wall_seen_from_many_places_is_one() -> None:
     assert lines.count == [7]
 
 
+def test_a_wall_with_two_doors_is_one_observation_of_a_keyframe() -> None:
+    T, ends = pose(0, 0, 0), ((-3.0, -1.5), (-0.6, 0.6), (1.5, 3.0))
+    whole, pieces = piece(T, (-3, 3), (3, 3)), [piece(T, (low, 3), (high, 3)) for low, high in ends]
+    walls = walls_of((T, [whole]), (T, pieces))
+    assert labels(walls) == [0] * 4 and walls.lines.count.tolist() == [2] and walls.counts() == {0: 2}
+    walls.refresh(np.stack([T, T]), {}, LEVEL)
+    assert walls.lines.count.tolist() == [2] and walls.counts() == {0: 2}
+
+
 def test_the_sides_of_a_thin_wall_stay_two() -> None:
     south, north = pose(0, -2, 0), pose(0, 2, 0, yaw=1.0)
     walls = walls_of(

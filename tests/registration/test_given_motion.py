@@ -38,7 +38,7 @@ def registered(poses: list[Array], scans: list[Array], told: list[Array] | None)
     given = None if told is None else GivenMotion(OdometrySettings())
     odometry, found = ContinuousTimeOdometry(TrackingSettings(), given=given), []
     for k, points in enumerate(scans):
-        if given is not None and told is not None:
+        if given is not None and told is not None and k < len(told):
             given.add(PERIOD_NS * k, told[k])
         found.append(odometry.register(PERIOD_NS * k, points))
     return found
@@ -106,6 +106,15 @@ def test_steps_carry_a_covered_sensor_on() -> None:
     assert {own.health for own in found[dark]} == {"lost"}  # nothing was seen
     assert off(found, poses)[dark].max() < 0.15 < off(untold, poses)[dark].max()
     assert {own.health for own in found[36:]} == {"good"} and off(found, poses)[36:].max() < 0.05
+
+
+def test_poses_that_ended_carry_no_sensor_on() -> None:
+    """The sensor walks, the poses end, it stands, and is covered after a second and a half."""
+    poses = [pose(1.5 + 0.05 * min(k, 12), 2.0, 0.8) for k in range(45)]
+    scans = [scan(scene_of(FURNISHED), T, seed=k) for k, T in enumerate(poses)]
+    scans[28:] = [np.zeros((0, 3))] * 17
+    found = registered(poses, scans, poses[:12])
+    assert {own.health for own in found[28:]} == {"lost"} and off(found, poses).max() < 0.1
 
 
 def test_steps_that_are_metres_wrong_do_no_harm() -> None:

@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from boxes import Array, pose, room, scan, scene_of
+from boxes import pose
+from carried_off import carried_off
 from commands import refused
 from drives import fed, small_drive
 
@@ -30,16 +31,6 @@ from sgslam.tracking import CarriedElsewhere, RunTracker
 
 PART = 150  # scans of the small drive, after which it is anchored
 FILES = ("trajectory.tum", "trajectory_map.tum", "trajectory_odometry.tum", "s_graph.json", "deviations.json")
-
-
-def carried_off() -> list[tuple[int, Array]]:
-    """A room, a cover over the sensor, and another room, in which it starts again."""
-    here = scene_of([*room(0, 0, 4, 3), (0, 1, 0, 0.5, 2, 2)])
-    there = scene_of([*room(20, 0, 29, 7), (23, 2, 0, 24, 4, 2.6), (26, 5, 0, 27, 7, 2.6)])
-    first = [scan(here, pose(2 + 0.03 * i, 1.5, 1, yaw=0.03 * i), seed=i) for i in range(20)]
-    cap = [0.4 * np.random.default_rng(i).normal(size=(20, 3)) for i in range(8)]
-    other = [scan(there, pose(25 + 0.03 * i, 2, 1, yaw=1 - 0.03 * i), seed=i) for i in range(30)]
-    return [(10**8 * k, points) for k, points in enumerate([*first, *cap, *other])]
 
 
 @pytest.mark.slow

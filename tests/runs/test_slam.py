@@ -15,6 +15,7 @@ from data import SceneGraph, UserError
 from sgslam.config import Config, TrackingSettings
 from sgslam.registration import Registration
 from sgslam.session import Result
+from sgslam.session.stopwatch import Stopwatch
 from sgslam.slam import SceneGraphSlam
 
 
@@ -311,3 +312,35 @@ def test_odometry_that_is_not_a_pose_is_refused(drive: Drive) -> None:
         with pytest.raises(UserError, match="T_odom_sensor"):
             slam.add_scan(stamp_ns, points, T_odom_sensor=bad)
     assert len(fed(slam, drive.scans[2:4]).finish().trajectory) == 4
+
+
+def test_the_time_of_a_stage_that_raises_counts() -> None:
+    stopwatch = Stopwatch(iter(range(10)).__next__)
+    with pytest.raises(RuntimeError), stopwatch("matching"):
+        raise RuntimeError
+    assert stopwatch.seconds["matching"] == 1.0
+
+
+class FailingMatcher:
+    """Raises once."""
+
+    def __init__(self) -> None:
+        self.has_failed = False
+
+    def match(self, s: SceneGraph, a: SceneGraph) -> Answer:
+        if not self.has_failed:
+            self.has_failed = True
+            raise RuntimeError("the matcher failed")
+        return Answer("none", (), (), None, None)
+
+
+def test_after_a_matcher_that_raised_no_scan_is_missing(drive: Drive) -> None:
+    """The first seconds' scans come to the map in one call."""
+    late = Config(tracking=TrackingSettings(gravity_after=9.0, gravity_until=10.0))
+    slam, failed = SceneGraphSlam(drive.bim, FailingMatcher(), late), 0
+    for stamp_ns, points in drive.scans[:80]:
+        try:
+            slam.add_scan(stamp_ns, points, np.zeros(len(points)))
+        except RuntimeError:
+            failed += 1
+    assert failed == 1 and len(slam.finish().trajectory_map) == 80
