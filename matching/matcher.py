@@ -113,9 +113,11 @@ class Matcher:
 
         Returns:
             The match. `T_a_s` is (yaw, x, y) in radians and metres: p_a = R(yaw) p_s + (x, y). Rely on it only if the
-            status is `unique`. Graphs without wall surfaces, and graphs that cannot be in metres or whose normals point
-            out of their rooms (see `data.scene_graph.implausible`), do not raise: they give the status `none` and the
-            reason.
+            status is `unique`. `learned` and `voting` do not search for mirror images, but a mirrored map of many rooms
+            may get a unique answer: if the map may be mirrored, match `data.scene_graph.motion.mirrored(s)` too, as
+            runs do, and rely on the answer only if that one explains less. Graphs without wall surfaces, and graphs
+            that cannot be in metres or whose normals point out of their rooms (see `data.scene_graph.implausible`), do
+            not raise: they give the status `none` and the reason.
         """
         for what, graph in (("S-graph", s), ("A-graph", a)):
             if (wrong := implausible(graph)) is not None:

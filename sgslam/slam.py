@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Iterable, Sequence
 from copy import deepcopy
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from data import SceneGraph, UserError
 from data.plans import Bim
-from data.scans import Scan
+from data.scans import Scan, ScanSource
 from data.trajectory import Trajectory
 from matching.protocol import AnyMatcher
 from sgslam.anchoring import AnchorRecord
@@ -36,12 +37,13 @@ _WAY_UP = "the scans do not show for sure whether the sensor was upside down; if
 class SceneGraphSlam:
     """SLAM with an S-graph, anchored to a building's A-graph if one is given.
 
-    `bim` is an A-graph in the BIM frame or the result of `load_bim`; `matcher` is any object with `.match(s, a)`;
-    `odometry` is any `Odometry` (default: the one in the settings, by default our own in continuous time); `clouds`
-    stores the keyframes' points (default: an anonymous temporary file). `prior` is the map of earlier runs: the run is
-    relocalised in it, wherever it starts, and merged into it at the end; all results are then in that map's frame.
-    `storey` is the name or id of the A-graph's floor on which the run begins; raises UserError if it does not exist.
-    `stopwatch` measures the time of each stage. Scans must be added in the order of their stamps.
+    `bim` is the result of `load_bim`, or an A-graph in the BIM frame, without the model's elements; `matcher` is any
+    object with `.match(s, a)`; `odometry` is any `Odometry` (default: the one in the settings, by default our own in
+    continuous time); `clouds` stores the keyframes' points (default: an anonymous temporary file). `prior` is the map
+    of earlier runs: the run is relocalised in it, wherever it starts, and merged into it at the end; all results are
+    then in that map's frame. `storey` is the name or id of the A-graph's floor on which the run begins; raises
+    UserError if it does not exist. `stopwatch` measures the time of each stage. Scans must be added in the order of
+    their stamps.
     """
 
     def __init__(
@@ -51,6 +53,7 @@ class SceneGraphSlam:
     ) -> None:  # fmt: skip
         config = config or Config()
         a_graph = bim.graph if isinstance(bim, Bim) else bim
+        self._plan_file = bim.path if isinstance(bim, Bim) else None
         clouds = KeyframeClouds(None, config.clouds.keyframe_voxel) if clouds is None else clouds
         self._config, self._stopwatch = config, stopwatch or Stopwatch()
         self._tracking = RunTracker(config, odometry)
@@ -177,9 +180,15 @@ class SceneGraphSlam:
         """Matches and optimises a last time, and returns the result. Raises UserError if no scan was added.
 
         If `scans` yields the run's scans again, a second pass registers all of them to the final map, so that each pose
-        also uses what was seen later. It needs a run in one part, without a prior map and without an IMU. If the map is
-        no longer anchored after the second pass, the result of the first one is returned.
+        also uses what was seen later. It needs scans that follow one another (`ScanSource.is_dense`), and a run in one
+        part, without a prior map and without an IMU. If the map is no longer anchored after the second pass, the result
+        of the first one is returned.
         """
+        given, is_dense = (scans.given, scans.is_dense) if isinstance(scans, ScanSource) else (None, True)
+        result = self._finish(scans if is_dense else None)
+        return replace(result, plan_file=self._plan_file, given=given, slam=self)
+
+    def _finish(self, scans: Iterable[Scan] | None) -> Result:
         self._release()
         if not self._map.scans:
             raise UserError("no scan was added, so there is no result; call add_scan first")

@@ -4,7 +4,7 @@ import hashlib
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from data.common.errors import UserError
@@ -20,10 +20,11 @@ PLANS = "an IFC file (.ifc, .ifczip), a drawing (.dxf), GeoJSON (.geojson), or a
 
 @dataclass(frozen=True)
 class Bim:
-    """The A-graph, and notices for the user, one line each."""
+    """The A-graph, notices for the user, one line each, and the file it was read from, None if it was not."""
 
     graph: SceneGraph
     notices: tuple[str, ...] = ()
+    path: Path | None = field(default=None, compare=False)
 
 
 def load_bim(path: Path | str, cache_dir: Path | str | None = None, layers: Sequence[str] = ()) -> Bim:
@@ -35,6 +36,10 @@ def load_bim(path: Path | str, cache_dir: Path | str | None = None, layers: Sequ
     has no walls.
     """
     path = Path(path)
+    return replace(_read(path, cache_dir, layers), path=path.absolute())
+
+
+def _read(path: Path, cache_dir: Path | str | None, layers: Sequence[str]) -> Bim:
     suffix = path.suffix.lower()
     if not path.is_file():
         raise UserError(f"{path}: {'is a folder' if path.is_dir() else 'no such file'}; give {PLANS}")

@@ -59,7 +59,8 @@ def _element(product: IfcProduct, storeys: dict[str, str], kind: Kind) -> Planne
 def _openings(model: ifcopenshell.file, storeys: dict[str, str]) -> Iterator[PlannedElement]:
     """The openings that doors and windows fill."""
     for filling in dict.fromkeys(entity for kind in FILLINGS for entity in model.by_type(kind)):
-        bodies = [triangulated(fills.RelatingOpeningElement) for fills in filling.FillsVoids]
+        cuts = [fills.RelatingOpeningElement for fills in filling.FillsVoids]
+        bodies = [triangulated(cut) for cut in cuts if cut is not None]  # a broken model refers to what it lacks
         body = next((mesh for mesh in bodies if mesh is not None), None)
         if body is None:
             continue
@@ -73,8 +74,9 @@ def _openings(model: ifcopenshell.file, storeys: dict[str, str]) -> Iterator[Pla
 
 def _wall_around(filling: ifcopenshell.entity_instance) -> str:
     """The GlobalId of what a door's or window's opening is cut out of, empty where the model does not say."""
-    voids = [relation for fills in filling.FillsVoids for relation in fills.RelatingOpeningElement.VoidsElements]
-    return str(voids[0].RelatingBuildingElement.GlobalId) if voids else ""
+    cuts = [fills.RelatingOpeningElement for fills in filling.FillsVoids]
+    walls = [relation.RelatingBuildingElement for cut in cuts if cut is not None for relation in cut.VoidsElements]
+    return next((str(wall.GlobalId) for wall in walls if wall is not None), "")
 
 
 def _body(filling: ifcopenshell.entity_instance) -> NDArray[np.float64] | None:

@@ -5,21 +5,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Literal
 
-Use = Literal["training", "report"]
 Split = Literal["train", "validation", "test"]
 
-# MSD in full is for training only without the buildings that reports use; its 50 single units and the whole Swiss
-# floors come from the same makers, the other report sources are of other kinds of buildings altogether.
-USE_OF_SOURCE: Mapping[str, Use] = MappingProxyType({
-    "generated": "training",
-    "resplan": "training",
-    "lifull": "training",
-    "msd_table": "training",
-    "msd": "report",
-    "swiss_floors": "report",
-    "ifc": "report",
-    "slam_graphs": "report",
-})  # fmt: skip
 SHARES: Mapping[Split, float] = MappingProxyType({"train": 0.7, "validation": 0.15, "test": 0.15})
 
 

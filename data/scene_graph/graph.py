@@ -187,15 +187,17 @@ class SceneGraph:
         return {room: tuple(surfaces) for room, surfaces in facing.items()}
 
     def on_floor(self, floor: str | None) -> "SceneGraph":
-        """Returns the part of the graph on one floor, given by id; None selects nodes without a floor."""
-        rooms = tuple(r for r in self.rooms if r.floor == floor)
+        """Returns the part of the graph on one floor, given by id; None selects nodes without a floor.
+
+        Wall surfaces are where their room is, and a room without a floor is where its first wall surface with one is.
+        """
+        of_walls = {w.room: w.floor for w in reversed(self.wall_surfaces) if w.floor is not None}
+        floor_of = {r.id: of_walls.get(r.id) if r.floor is None else r.floor for r in self.rooms}
+        rooms = tuple(r for r in self.rooms if floor_of[r.id] == floor)
         kept = {r.id for r in rooms}
-
-        def belongs(surface: WallSurface) -> bool:
-            return surface.floor == floor or (surface.floor is None and surface.room in kept)
-
+        walls = (w for w in self.wall_surfaces if (w.floor if w.room is None else floor_of[w.room]) == floor)
         return SceneGraph(
-            self.frame, rooms, tuple(w for w in self.wall_surfaces if belongs(w)),
+            self.frame, rooms, tuple(walls),
             tuple(d for d in self.doors if kept.intersection(d.rooms)),
             tuple(f for f in self.floors if f.id == floor), tuple(k for k in self.keyframes if k.floor == floor),
         )  # fmt: skip

@@ -7,14 +7,18 @@ permuted over the walls.
 
 from collections.abc import Callable
 from functools import lru_cache, partial
+from pathlib import Path
 
 import numpy as np
 
 from data import SceneGraph
+from data.common.json_files import read_json
 from evaluation.matching_benchmark.oracle import oracle_match
 from evaluation.matching_benchmark.pairs import Prepared
 from matching import Matcher
 from matching.arrays import Walls
+from matching.matcher import WITH_WEIGHTS
+from matching.published.baselines import WEIGHTS
 from matching.result import MatchResult
 from matching.search import Proposals, TopK
 from matching.self_test import make_ready
@@ -34,6 +38,17 @@ def load_method(name: str) -> Callable[[Prepared], MatchResult]:
     matcher = variants[name]() if name in variants else Matcher.load(name)
     make_ready(matcher, name)  # a new installation's machine code takes about a minute, which counts for no match
     return lambda pair: matcher.match(pair.drawn.s_graph, pair.plan.graph)
+
+
+def trained_on(name: str) -> set[str]:
+    """The files and folders whose plans a method's network was trained on, by the model card beside its weights; empty
+    without one."""
+    kind, _, weights = name.partition("@")
+    if kind not in WITH_WEIGHTS:
+        return set()
+    path = Path(weights) if weights else WEIGHTS / f"{kind}.pt"
+    cards = [card for card in (path.with_suffix(".json"), path.parent / "model_card.json") if card.is_file()]
+    return set(read_json(cards[0], "the model card of a network")["data"]["files"]) if cards else set()
 
 
 def _voting(by_parts: bool) -> Matcher:

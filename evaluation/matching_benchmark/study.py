@@ -2,7 +2,9 @@
 
 The S-graph of a pair is drawn from a plan by a regime: one of `data.synthetic_maps.noise_models`, or `negative`:
 `real`, from another building, so that every `unique` answer is wrong. Plans by which settings were chosen
-(`validation`) are kept apart from the others (`test`); S-graphs that the SLAM system built are with the latter.
+(`validation`) are kept apart from the others (`test`); S-graphs that the SLAM system built are with the latter. Of
+sets of plans that a network of the methods was trained on (its model card names them), only buildings that training
+leaves aside are used.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,9 +13,10 @@ from typing import Literal
 
 from pydantic import PositiveFloat, PositiveInt
 
+from data.plans import splits
 from evaluation.harness import Options, Study
 from evaluation.matching_benchmark.judge import judged
-from evaluation.matching_benchmark.methods import ORACLE, load_method
+from evaluation.matching_benchmark.methods import ORACLE, load_method, trained_on
 from evaluation.matching_benchmark.pairs import (
     NEGATIVE,
     REGIMES,
@@ -24,7 +27,7 @@ from evaluation.matching_benchmark.pairs import (
     prepared,
     slam_pairs,
 )
-from evaluation.matching_benchmark.plan_sets import Candidate, read_candidates, size_class, split_of
+from evaluation.matching_benchmark.plan_sets import Candidate, name_of_set, read_candidates, size_class, split_of
 from evaluation.matching_benchmark.plots import plots
 from evaluation.matching_benchmark.records import BenchmarkCase, MatchRecord
 from evaluation.matching_benchmark.tables import claims, tables
@@ -81,7 +84,10 @@ def _cells(options: Choice) -> Iterator[Sequence[Pair]]:
         # nothing is known of its plans; the harness says that they are skipped
         yield [DrawnPair(plans=str(path), plan="", regime=REGIMES[0], rooms=None, index=0, seed=options.seed)]
     pools: dict[tuple[str, str], list[Candidate]] = {}
+    trained = {name_of_set(file) for method in options.methods for file in trained_on(method)}
     for candidate in read_candidates(there, options.generated):
+        if name_of_set(candidate.plans) in trained and splits.split_of(candidate.plan.building) != "test":
+            continue  # a network of these methods was trained or chosen by this building
         split = split_of(candidate.plans, candidate.plan.name)
         pools.setdefault((split, size_class(len(candidate.plan.graph.rooms))), []).append(candidate)
     for (_, size), own in pools.items():

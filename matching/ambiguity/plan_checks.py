@@ -38,7 +38,8 @@ def plan_issues(a: SceneGraph) -> list[PlanIssue]:
     """All issues: those of the whole building first, then storey by storey from the lowest up."""
     found = [*_units(a), *_elevations(a), *_unconnected_doors(a)]
     names = {s.floor: s for s in storeys_of(a)}
-    for floor in dict.fromkeys([*(f.id for f in a.floors), *names, *(w.floor for w in a.wall_surfaces)]):
+    roomless = [w.floor for w in a.wall_surfaces if w.room is None]
+    for floor in dict.fromkeys([*(f.id for f in a.floors), *names, *roomless]):
         found += _storey_issues(a, floor, names.get(floor))
     return found
 
@@ -103,7 +104,7 @@ def _overlaps(storey: Storey) -> Iterator[PlanIssue]:
 
 def _unconnected_doors(a: SceneGraph) -> Iterator[PlanIssue]:
     """Doors next to no room; entrances, which lead to one room, are fine."""
-    lost: list[Door] = [d for d in a.doors if not d.rooms]
+    lost: list[Door] = [d for d in a.doors if not a.room_by_id.keys() & set(d.rooms)]
     if lost:
         message = f"{_count(len(lost), 'door')} that are next to no room"
         yield PlanIssue("doors without a room", None, message, tuple(d.id for d in lost))

@@ -52,9 +52,9 @@ class SelfSimilarity:
         own = [r for r in self._a.rooms if r.id in rooms]
         found = []
         for placement in self.symmetries(rooms):
-            storey = self._storeys[placement.floor]
+            storey = self._storeys.get(placement.floor)  # None where no room has walls, as among foundations
             centroids = se2.apply(np.array(placement.T_a_s), np.array([r.centroid for r in own]))
-            counterparts = tuple(_room_at(storey, point) for point in centroids)
+            counterparts = tuple(None if storey is None else _room_at(storey, point) for point in centroids)
             rotation = float(se2.wrap(np.array([placement.T_a_s[0]]))[0])
             ids = tuple(r.id for r in own)
             found.append(SimilarPlace(ids, placement.floor, counterparts, rotation, placement.nats))

@@ -47,10 +47,10 @@ class DeformableMatcher:
 
         proposals, others = proposed(self._propose), self._others
         if others is not None and len(s.wall_surfaces) <= FEW:
-            proposals, others = _together(proposals, proposed(others)), None
+            proposals, others = together(proposals, proposed(others)), None
         match = _answered(search(scene, proposals, allowed), began, start)
         if match.status == "none" and others is not None:
-            match = _answered(search(scene, _together(proposals, proposed(others)), allowed), began, start)
+            match = _answered(search(scene, together(proposals, proposed(others)), allowed), began, start)
         return match
 
 
@@ -63,9 +63,15 @@ def _answered(found: DeformedHypotheses, began: float, start: Start | None) -> M
     return MatchResult("none", reason, seconds=time.perf_counter() - began)
 
 
-def _together(one: TopK, other: TopK) -> TopK:
-    """Merges both proposers' proposals for each S wall."""
-    return TopK(np.hstack((one.partner, other.partner)), np.hstack((one.score, other.score)))
+def together(one: TopK, other: TopK) -> TopK:
+    """Merges both proposers' proposals for each S wall, best first; a pair that both propose counts once, by the higher
+    of its scores."""
+    partner, score = np.hstack((one.partner, other.partner)), np.hstack((one.score, other.score))
+    order = np.argsort(-score, axis=1, kind="stable")
+    partner, score = np.take_along_axis(partner, order, axis=1), np.take_along_axis(score, order, axis=1)
+    is_same = partner[:, :, None] == partner[:, None, :]
+    again = np.tril(is_same, -1).any(axis=2)
+    return TopK(np.where(again, -1, partner), np.where(again, 0.0, score))
 
 
 def among(proposals: TopK, plan: PlanWalls) -> TopK:

@@ -159,7 +159,7 @@ def _not_anchored_advice(
 
 def _first_anchor_s(final: ActiveMap, run: RunPoses) -> float | None:
     """Seconds from the run's first scan in the map to its first anchor; None if there is none."""
-    return None if final.first_anchor_ns is None else (final.first_anchor_ns - run.scans[0].stamp_ns) / 1e9
+    return None if final.first_anchor_ns is None else (final.first_anchor_ns - int(run.in_map.stamps_ns[0])) / 1e9
 
 
 def _quality(

@@ -2,7 +2,7 @@
 
 import errno
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import perf_counter
@@ -14,12 +14,16 @@ from numpy.typing import NDArray
 from data import SceneGraph, UserError
 from data.common.files import write_atomically, write_json
 from data.geometry.poses import poses_to_xyzquat, xyzquat_to_poses
+from data.ifc.bcf import Model
+from data.plans.bim import IFC_SUFFIXES
 from data.trajectory import Trajectory
+from data.trajectory.correction import moved_with
 from sgslam.anchoring import AnchorEntry
-from sgslam.as_built import Deviation
+from sgslam.as_built import Deviation, planned_things, write_topics
 from sgslam.as_built.agreement import agreed
-from sgslam.as_built.elements import ElementVerdict, UnplannedEntry, unplanned_walls
+from sgslam.as_built.elements import ElementVerdict, element_verdicts, unplanned_walls
 from sgslam.as_built.elements.files import remove_elements, write_elements
+from sgslam.as_built.findings import remove_topics
 from sgslam.backend import FactorLog, write_pose_graph
 from sgslam.backend.pose_graph import FILE as POSE_GRAPH
 from sgslam.config import Config
@@ -30,16 +34,18 @@ from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.registration import Health
 from sgslam.report import ReportData, RunFolder
 from sgslam.report.elements import shown_as_element
+from sgslam.session.checkpoints import Checkpoints, Resumable
 from sgslam.session.soundness.quality import Quality
 from sgslam.session.soundness.scan_uncertainty import FILE as SIGMA
 from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
+from sgslam.session.views import keyframe_views
 
 if TYPE_CHECKING:
     from matching.result import MatchesFile  # loads the matchers
 
 _log = logging.getLogger(__name__)
-Elements = Callable[[], Sequence[ElementVerdict] | None]  # the verdicts on the planned elements; None without any
 LIVE = "trajectory_live.tum"
+ALL_POSES = "trajectory_all.tum"
 Floats = NDArray[np.float64]
 
 
@@ -103,7 +109,9 @@ class Result:
     runs, in the frame of `trajectory`. `pose_covariances` is None if the run is not anchored, `relocalisation` is None
     without a prior map. `tracked` is the number of good, degraded and lost scans; `uncertainty` has a line for each
     scan, and `quality` says whether the map is sound. `advice` has a line for each thing that seems wrong with the
-    scans or with what the user stated about them.
+    scans or with what the user stated about them. `plan_file` is the file that the plan was read from, None if it is
+    not known; `given` has all poses of another SLAM system whose scans these are, None without one. `slam` is the
+    system that made the result, to save its state.
     """
 
     anchored: bool
@@ -131,6 +139,9 @@ class Result:
     relocalisation: Relocalisation | None = None
     advice: tuple[str, ...] = ()
     trajectory_live: Trajectory | None = None
+    plan_file: Path | None = None
+    given: Trajectory | None = None
+    slam: Resumable | None = None
 
     def to_open3d(self) -> list[Any]:
         """The map's points, the path of the sensor and the walls, in the frame of `trajectory`, as geometries for
@@ -143,8 +154,15 @@ class Result:
         return open3d_scene(points, self.trajectory.positions, walls)
 
     def save(self, out: Path | str) -> None:
-        """Writes all results to the folder `out`. Raises UserError if it cannot be written to or the disk is full."""
-        save_result(self, prepare_folder(Path(out)))
+        """Writes the folder of a run, but its log. Raises UserError if it cannot be written to or the disk is full.
+
+        With a plan of which `plan_file` is the IFC model, that includes the verdicts on the model's elements, by which
+        the deviations that are written also count or do not.
+        """
+        out = prepare_folder(Path(out))
+        save_result(self, out)
+        if self.slam is not None:
+            Checkpoints(out, {}).write(self.slam, {}, finished=True)
 
     def metrics(self) -> dict[str, Any]:
         """The content of metrics.json, without the fields that the command line adds."""
@@ -182,18 +200,16 @@ def prepare_folder(path: Path) -> Path:
 
 
 def save_result(
-    result: Result, out: Path, *, a_graph: SceneGraph | None = None, truth: Trajectory | None = None,
-    more: dict[str, Any] | None = None, elements: Elements = lambda: None,
+    result: Result, out: Path, *, truth: Trajectory | None = None, more: dict[str, Any] | None = None
 ) -> dict[str, Any]:  # fmt: skip
-    """Writes the files of the output folder; returns the content of metrics.json.
+    """Writes the files of the output folder, but state and log; returns the content of metrics.json.
 
-    `a_graph` is the whole building's graph if the run was restricted to a part of it; `more` is merged into the
-    metrics. `elements` is called when the results of the run itself are written. If the disk is full, the keyframe
-    clouds are deleted to make room. Raises UserError if that is not enough.
+    `more` is merged into the metrics. If the disk is full, the keyframe clouds are deleted to make room. Raises
+    UserError if that is not enough.
     """
     for room in (False, True):
         try:
-            return _save(result, out, a_graph or result.a_graph, truth, more or {}, elements)
+            return _save(result, out, truth, more or {})
         except OSError as error:
             if error.errno not in (errno.ENOSPC, errno.EDQUOT):
                 raise
@@ -203,23 +219,24 @@ def save_result(
     raise UserError(f"{out}: the disk is full and some results are missing; free some space and run it again")
 
 
-def _save(
-    result: Result, out: Path, a_graph: SceneGraph | None, truth: Trajectory | None, more: dict[str, Any],
-    elements: Elements,
-) -> dict[str, Any]:  # fmt: skip
+def _save(result: Result, out: Path, truth: Trajectory | None, more: dict[str, Any]) -> dict[str, Any]:
     result.trajectory.write_tum(out / "trajectory.tum")
     result.trajectory_map.write_tum(out / "trajectory_map.tum")
     result.trajectory_odometry.write_tum(out / "trajectory_odometry.tum")
-    if result.trajectory_live is None:
-        (out / LIVE).unlink(missing_ok=True)  # that of an earlier run in this folder
-    else:
-        result.trajectory_live.write_tum(out / LIVE)
+    everything = None
+    if result.given is not None and len(result.trajectory):
+        everything = moved_with(result.given, result.trajectory)
+    for name, trajectory in ((LIVE, result.trajectory_live), (ALL_POSES, everything)):
+        if trajectory is None:
+            (out / name).unlink(missing_ok=True)  # that of an earlier run in this folder
+        else:
+            trajectory.write_tum(out / name)
     result.uncertainty.write_csv(out / SIGMA)
     for number, earlier in enumerate(result.earlier, 1):
         earlier.write_tum(out / f"trajectory_run{number}.tum")
     result.s_graph.save(out / "s_graph.json")
-    if a_graph is not None:
-        a_graph.save(out / "a_graph.json")
+    if result.a_graph is not None:
+        result.a_graph.save(out / "a_graph.json")
     write_json(out / "matches.json", result.matches or _no_match(result.reason))
     write_json(out / "deviations.json", result.deviations)
     write_atomically(out / "config.yaml", save_config(result.config))
@@ -229,35 +246,80 @@ def _save(
     metrics = {**result.metrics(), **more}
     seconds = metrics["seconds"] = dict(metrics["seconds"])
     began = perf_counter()
-    verdicts, unplanned = elements(), list[UnplannedEntry]()
-    if verdicts is None:
-        remove_elements(out)
-    else:
-        unplanned = _unplanned(result, a_graph)
-        write_elements(out, verdicts, result.config.as_built.tolerance, unplanned)
-        result = replace(result, deviations=agreed(result.deviations, verdicts))
-        write_json(out / "deviations.json", result.deviations)
+    result, shown = _compare(result, out, metrics)
+    if shown is not None:
         seconds["elements"] = perf_counter() - began
     # the report tells the total, so its own time is not in it
     seconds["total"] = seconds.get("total", sum(result.seconds.values())) + perf_counter() - began
     compared = perf_counter()
-    shown = [*map(asdict, verdicts or ()), *(shown_as_element(asdict(wall)) for wall in unplanned)]
-    _write_report(result, out, a_graph, truth, metrics, shown)
+    _write_report(result, out, truth, metrics, shown or [])
     seconds["report"] = perf_counter() - compared
     metrics["seconds"] = {name: round(value, 4) for name, value in seconds.items()}
     write_json(out / "metrics.json", metrics)
     return metrics
 
 
-def _unplanned(result: Result, a_graph: SceneGraph | None) -> list[UnplannedEntry]:
-    if result.T_bim_map is None or a_graph is None:
-        return []
-    return unplanned_walls(result.deviations, result.s_graph, result.T_bim_map, result.matches, a_graph)
+def _compare(result: Result, out: Path, metrics: dict[str, Any]) -> tuple[Result, list[dict[str, Any]] | None]:
+    """Writes what deviates from the plan, as deviations.json, elements and BCF, or removes what an earlier run left.
+
+    Returns the result with these deviations, and the elements of the report, None without an IFC model. One that cannot
+    be read any more becomes advice in `metrics`.
+    """
+    T_bim_map, a_graph, model = result.T_bim_map, result.a_graph, result.plan_file
+    if T_bim_map is None or a_graph is None:
+        remove_elements(out)
+        remove_topics(out)
+        return result, None
+    verdicts: list[ElementVerdict] | None = None
+    if model is not None and model.suffix.lower() in IFC_SUFFIXES:
+        try:
+            result = without_planned_things(result, model)
+            verdicts = run_verdicts(result, model)
+        except UserError as error:
+            _log.warning("no verdicts on elements: %s", error)
+            metrics["advice"] = [*metrics["advice"], f"no verdicts on elements: {error}"]
+    result = replace(result, deviations=agreed(result.deviations, verdicts or ()))
+    tolerance = result.config.as_built.tolerance
+    unplanned = unplanned_walls(result.deviations, result.s_graph, T_bim_map, result.matches, a_graph)
+    write_json(out / "deviations.json", result.deviations)
+    name = "" if model is None else model.name
+    write_topics(out, result.deviations, unplanned, a_graph, Model(name), tolerance)
+    if verdicts is None:
+        remove_elements(out)
+        return result, None
+    write_elements(out, verdicts, tolerance, unplanned)
+    return result, [*map(asdict, verdicts), *(shown_as_element(asdict(wall)) for wall in unplanned)]
+
+
+def run_verdicts(result: Result, ifc: Path) -> list[ElementVerdict]:
+    """The verdicts on the elements of an IFC model, of a run that is anchored to it.
+
+    Raises UserError for a model that cannot be read.
+    """
+    from data.plans.elements import planned_elements  # loads ifcopenshell
+
+    assert result.T_bim_map is not None and result.a_graph is not None
+    views = keyframe_views(result.s_graph, result.T_bim_map, result.uncertainty, result.clouds)
+    tolerance, shared = result.config.as_built.tolerance, result.config.anchors.sigma_extraction
+    return element_verdicts(planned_elements(ifc), views, result.a_graph, tolerance, shared)
+
+
+def without_planned_things(result: Result, ifc: Path) -> Result:
+    """The result without extra walls that are other things of an IFC model, such as stairs and railings.
+
+    Raises UserError for a model that cannot be read.
+    """
+    if result.T_bim_map is None or all(d["kind"] != "extra" for d in result.deviations):
+        return result
+    from data.plans.elements import other_bodies  # loads ifcopenshell
+
+    bodies = other_bodies(ifc)
+    kept = planned_things.without_planned_things(result.deviations, result.s_graph, result.T_bim_map, bodies)
+    return replace(result, deviations=kept)
 
 
 def _write_report(
-    result: Result, out: Path, a_graph: SceneGraph | None, truth: Trajectory | None, metrics: dict[str, Any],
-    elements: Sequence[Mapping[str, Any]],
+    result: Result, out: Path, truth: Trajectory | None, metrics: dict[str, Any], elements: Sequence[Mapping[str, Any]]
 ) -> None:  # fmt: skip
     # the drawing libraries are slow to import and needed only here
     from sgslam.report.page import write_report
@@ -266,7 +328,7 @@ def _write_report(
     if truth is not None:  # the truth may continue after the run, on other storeys
         truth = truth.between(result.trajectory_map)
     data = ReportData(
-        a_graph, result.s_graph, result.trajectory_map, result.trajectory_odometry, truth, result.T_bim_map,
+        result.a_graph, result.s_graph, result.trajectory_map, result.trajectory_odometry, truth, result.T_bim_map,
         result.matches, metrics, result.deviations, result.uncertainty.states(), result.anchors,
         elements=elements,
     )  # fmt: skip

@@ -17,7 +17,7 @@ from matching.arrays.cache import PLANS_CACHED
 from matching.deformation import DeformableMatcher
 from matching.deformation import deformed_hypotheses as bent
 from matching.deformation.field import motions
-from matching.deformation.matcher import FEW, among
+from matching.deformation.matcher import FEW, among, together
 from matching.search import Proposals, TopK
 from matching.search.corners import corners
 from matching.search.hypotheses import between_graphs
@@ -251,6 +251,16 @@ def test_of_equal_rooms_those_in_an_emptier_storey_are_no_likelier():
         first, second = result.hypotheses[:2]
         assert result.status == "ambiguous" and {first.floor, second.floor} == {"ground", "upper"}
         assert abs(first.score - second.score) < 0.5
+
+
+def test_a_pair_that_two_sources_propose_counts_once() -> None:
+    one = TopK(np.array([[2, 5], [4, -1]]), np.array([[0.6, 0.3], [0.9, 0.0]]))
+    other = TopK(np.array([[5, 7, -1], [4, 1, 3]]), np.array([[0.5, 0.2, 0.0], [0.2, 0.1, 0.05]]))
+    both = together(one, other)
+    for row, expected in enumerate(({2: 0.6, 5: 0.5, 7: 0.2}, {4: 0.9, 1: 0.1, 3: 0.05})):
+        is_pair = both.partner[row] >= 0
+        pairs = list(zip(both.partner[row][is_pair].tolist(), both.score[row][is_pair].tolist(), strict=True))
+        assert len(pairs) == len(expected) and dict(pairs) == expected and not both.score[row][~is_pair].any()
 
 
 def test_where_one_proposes_nothing_the_others_are_asked(drifted):

@@ -15,7 +15,7 @@ from small_ifc import write_small_ifc
 from data import SceneGraph, UserError
 from data.plans import read_plans
 from data.plans.sources import Plan
-from data.plans.splits import USE_OF_SOURCE, split_of
+from data.plans.splits import split_of
 
 FLOORPLANS = SHARED / "data" / "floorplans"
 
@@ -205,7 +205,6 @@ def test_split_is_by_building_and_about_as_asked() -> None:
     assert abs(splits.count("train") / 3000 - 0.7) < 0.03 and abs(splits.count("test") / 3000 - 0.15) < 0.03
     same = np.mean([a == split_of(b, 2) for a, b in zip(splits, buildings, strict=True)])
     assert abs(same - (0.7**2 + 2 * 0.15**2)) < 0.05
-    assert USE_OF_SOURCE["swiss_floors"] == "report"
 
 
 @pytest.mark.skipif(not FLOORPLANS.is_dir(), reason="the shared floor plans are not here")

@@ -9,10 +9,17 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from commands import refused
+from broken_ifc import BROKEN, write_broken
+from commands import called, refused
+from methods import as_map, matcher
+from odd_plans import odd_plans
 from plans import a_graph, box, merged, moved, offices
+from small_ifc import write_small_ifc
 
 from data import Door, Floor, Room, SceneGraph
+from data.ifc.deviations import ElementFinding, write_as_built
+from data.plans import load_bim
+from data.plans.elements import other_bodies, planned_elements
 from data.synthetic_maps.exploration import storeys_of
 from data.synthetic_maps.noise_models import draw_walk
 from data.synthetic_maps.walks import nearest_first, restricted_to
@@ -111,6 +118,38 @@ def test_each_issue_of_a_plan_is_reported() -> None:
         assert kind in kinds(graph), kind
     (overlap,) = (g for g in plan_issues(cases["overlapping rooms"]) if g.kind == "overlapping rooms")
     assert overlap.ids == ("room0", "twiceroom0") and "12.0 m2" in overlap.message
+
+
+@pytest.mark.parametrize("kind", odd_plans())
+def test_a_storey_may_lack_rooms_or_walls(kind: str, tmp_path: Path) -> None:
+    """Foundations, roofs, and plans that were drawn by halves; the same plan above matches a map as ever."""
+    plan, path = odd_plans()[kind], tmp_path / "plan.json"
+    plan.save(path)
+    words = ("--method", "voting", "--maps", 1, "--jobs", 1, "--out", tmp_path / "out")
+    done = called("sgslam.cli.inspect_bim", path, *words)
+    assert done.returncode == 0, done.stderr
+    told = json.loads((tmp_path / "out/inspection.json").read_text())
+    assert {room["room"] for room in told["rooms"]} == {r.id for s in storeys_of(plan) for r in s.rooms}
+    seen = as_map(odd_plans()["one room in all"])
+    for method in ("voting", "learned"):
+        for floor in (None, "cellar"):
+            assert matcher(method).match(seen, plan, floor=floor).status in ("none", "ambiguous")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", BROKEN)
+def test_a_broken_model_is_read_or_refused(kind: str, tmp_path: Path) -> None:
+    """And what can be read can be inspected, compared with a building, and written with its verdicts."""
+    ifc = write_broken(write_small_ifc(tmp_path / "small.ifc").path, kind, tmp_path / "broken.ifc")
+    done = called("sgslam.cli.inspect_bim", ifc, "--method", "voting", "--maps", 1, "--jobs", 1, "--out", tmp_path)
+    if done.returncode == 2:
+        assert done.stderr.startswith("error: ") and len(done.stderr.splitlines()) == 1, done.stderr
+        return
+    assert done.returncode == 0, done.stderr
+    walls = load_bim(ifc).graph.wall_surfaces
+    finding = ElementFinding(walls[0].source, "moved", (0.1, 0.0, 0.0), 0.01, 0.0, "")
+    assert planned_elements(ifc) and np.isfinite(other_bodies(ifc)).all()
+    assert write_as_built(ifc, [finding], [], tmp_path / "as_built.ifc") == 1
 
 
 def test_unconnected_groups_of_rooms_are_counted() -> None:

@@ -1,5 +1,6 @@
 """The matching benchmark: which pairs there are, and what becomes of a match."""
 
+import shutil
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -9,7 +10,9 @@ import pytest
 from commands import refused
 from plans import a_graph, flat
 
+from data.common.files import write_json
 from data.plans import Plan
+from data.plans.splits import split_of
 from data.synthetic_maps.noise_models import draw
 from evaluation.drives.slam_graph_files import SlamDrive, SlamGraph, write_drive
 from evaluation.harness.row_file import read_rows, rows_path
@@ -21,6 +24,7 @@ from evaluation.matching_benchmark.pairs import Prepared, pairs_of_cell, prepare
 from evaluation.matching_benchmark.plan_sets import Candidate
 from evaluation.matching_benchmark.records import BenchmarkCase
 from evaluation.matching_benchmark.study import STUDY, Choice, cases
+from matching.published.baselines import WEIGHTS
 from matching.result import MatchResult
 
 
@@ -104,6 +108,19 @@ def test_pairs_depend_neither_on_the_order_of_the_plans_nor_on_how_many_pairs_ar
         assert all((pair.source is not None and pair.source[1] != pair.plan) == (regime == "negative") for pair in many)
     assert pairs_of_cell(plans, "real", 500, 3, 0) == []  # no plan is so large
     assert pairs_of_cell(plans[:1], "negative", 2, 3, 0) == []  # there is no other building
+
+
+def test_no_building_that_a_network_was_trained_on_tests_it(tmp_path: Path) -> None:
+    of_seed = {seed: tmp_path / f"flat_{seed}.json" for seed in (3, 4, 17, 22)}
+    for seed, path in of_seed.items():
+        a_graph(flat(np.random.default_rng(seed)), "ground").save(path)
+    assert [split_of(path.stem) for path in of_seed.values()] == ["train", "train", "test", "test"]
+    network, plans = tmp_path / "learned.npz", list(of_seed.values())
+    shutil.copy(WEIGHTS / "learned.npz", network)
+    options = choice(tmp_path, plans=plans, methods=["voting", f"learned@{network}"], regimes=["real"])
+    for files, tested in ((["others.tar.gz"], {3, 4, 17, 22}), ([path.name for path in plans], {17, 22})):
+        write_json(tmp_path / "model_card.json", {"data": {"files": files}})
+        assert {case.pair.plan for case in cases(options)} == {f"flat_{seed}" for seed in tested}
 
 
 def test_the_maps_of_our_own_pipeline_are_pairs_by_the_rooms_they_saw(tmp_path: Path) -> None:

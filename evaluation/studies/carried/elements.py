@@ -26,9 +26,9 @@ from evaluation.studies.carried.elements_truth import (
     with_fillings,
 )
 from sgslam.as_built.elements import unplanned_walls
-from sgslam.cli.job.elements import run_verdicts, without_planned_things
 from sgslam.config import AsBuiltSettings, Config
 from sgslam.session import Result
+from sgslam.session.result import run_verdicts, without_planned_things
 from sgslam.slam import SceneGraphSlam
 
 Cell = Literal["15 mm", "30 mm", "absent"]
@@ -111,7 +111,7 @@ def measure(case: Built, work: Path) -> Verdicts:
             with_fillings(building_of(case.sequence, work)[0], drive.changes),
             {change.id: change for change in drive.stands_off}, {wall.id: wall.views for wall in walls},
         )  # fmt: skip
-        entries = map(building.judged, run_verdicts(result, drive.plan, plan))
+        entries = map(building.judged, run_verdicts(result, drive.plan))
         judged = [entry for entry in entries if entry is not None]
         extra = unplanned_walls(result.deviations, result.s_graph, result.T_bim_map, result.matches, plan)
         entered, error = entered_m2(plan, drive.truth), error_in_bim(result.trajectory, drive.truth)

@@ -1,6 +1,7 @@
 """A job in its output folder: the run over its scans, and the results."""
 
 import logging
+from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -11,13 +12,7 @@ import numpy as np
 
 from data.common.errors import UserError
 from data.common.log_lines import log_to
-from data.ifc.bcf import Model
 from data.trajectory import Trajectory
-from data.trajectory.correction import moved_with
-from sgslam.as_built.agreement import agreed
-from sgslam.as_built.elements import ElementVerdict, unplanned_walls
-from sgslam.as_built.findings import remove_topics, write_topics
-from sgslam.cli.job.elements import verdicts_of, without_planned_things
 from sgslam.cli.job.fingerprint import check_unchanged, run_fingerprint
 from sgslam.cli.job.inputs import Job
 from sgslam.cli.job.resume_arguments import run_arguments
@@ -35,7 +30,6 @@ from sgslam.slam import SceneGraphSlam
 
 _log = logging.getLogger("sgslam")
 _FAR = 10.0  # standard deviations: a truth that is so far off even after alignment is hardly of this drive
-ALL_POSES = "trajectory_all.tum"
 _DATED = 946_684_800_000_000_000  # ns, 2000-01-01 in Unix time; smaller stamps are none
 
 
@@ -63,7 +57,7 @@ class Run:
         else:
             clouds = KeyframeClouds.open(out / CLOUDS, resumed["keyframes"], voxel)
         self.slam = SceneGraphSlam(
-            job.a_graph, job.matcher, job.config, clouds=clouds, prior=job.prior_map, storey=options.storey
+            job.bim, job.matcher, job.config, clouds=clouds, prior=job.prior_map, storey=options.storey
         )  # fmt: skip
         self.progress = Progress() if resumed is None else Progress(**load(out, self.slam))
         self._warnings[:0] = self.progress.warnings  # those before the interruption come first
@@ -84,18 +78,8 @@ class Run:
         skipped_scans = len(job.scans.skipped)  # a second reading counts them again
         result = self._result(is_last=stopped is not None or job.options.single_pass or not job.scans.is_dense)
         more = {"scans_skipped": skipped_scans, **self._numbers(result, stopped), **(measured or {})}
-        verdicts: list[ElementVerdict] = []
-
-        def elements() -> list[ElementVerdict] | None:
-            found = verdicts_of(result, job.options.bim, job.a_graph)
-            verdicts[:] = found or ()
-            return found
-
-        metrics = save_result(result, out, a_graph=job.a_graph, truth=job.truth, more=more, elements=elements)
+        metrics = save_result(result, out, truth=job.truth, more=more)
         _log.info("%s: %s", badge(metrics), result.reason)
-        _write_topics(job, result, verdicts, out)
-        if job.scans.given is not None and len(result.trajectory):
-            moved_with(job.scans.given, result.trajectory).write_tum(out / ALL_POSES)
         if stopped is not None:
             hint = f"; {_hint(out)}" if stopped.startswith("interrupted") else ""
             raise UserError(f"{stopped}; the results so far are in {out}{hint}")
@@ -115,7 +99,7 @@ class Run:
             raise UserError(f"interrupted after the last scan; {_hint(self._out)}") from None
         if not is_last and result.trajectory_live is None:
             _log.info("no second pass: runs in several parts, with --map or with --imu have none")
-        return without_planned_things(result, job.options.bim)
+        return replace(result, given=job.scans.given)
 
     def _numbers(self, result: Result, stopped: str | None) -> dict[str, Any]:
         """What metrics.json has beyond the result's own: times, what the user stated, warnings, errors, the header."""
@@ -133,20 +117,6 @@ class Run:
         if job.truth is not None:
             numbers["accuracy"] = _accuracy(result, job.truth, in_one_part=not self.slam.kidnaps)
         return numbers
-
-
-def _write_topics(job: Job, result: Result, verdicts: list[ElementVerdict], out: Path) -> None:
-    """Writes what deviates from the building as BCF, or removes what an earlier run left where nothing is anchored."""
-    if job.bim is None or result.T_bim_map is None:
-        remove_topics(out)
-        return
-    graph, tolerance = job.bim.graph, result.config.as_built.tolerance
-    unplanned = unplanned_walls(
-        result.deviations, result.s_graph, result.T_bim_map, result.matches, job.a_graph or graph
-    )
-    write_topics(
-        out, agreed(result.deviations, verdicts), unplanned, graph, Model(job.options.bim.name), tolerance
-    )  # fmt: skip
 
 
 def _hint(out: Path) -> str:

@@ -80,7 +80,8 @@ def scan_uncertainty(
     A pose is as uncertain as the keyframes around it, what it was tracked worse than the one before, its own noise, and
     what a step between the two errs on the way: a Brownian bridge.
     """
-    own, keyframes = scans[run], backend.keyframes
+    # a part that joined the map late may be from before the others
+    own, keyframes = sorted(scans[run], key=lambda scan: scan.stamp_ns), backend.keyframes
     stamps = np.array([scan.stamp_ns for scan in own], dtype=np.int64)
     floors = [keyframes[scan.keyframe].storey for scan in own]
     sigma, is_lost = np.full((len(own), 6), np.nan), np.array([scan.health == "lost" for scan in own])
@@ -134,7 +135,7 @@ def _variances(
 ) -> Floats:  # fmt: skip
     """(N, 6) along and about the axes of the frame."""
     keyframes = backend.keyframes
-    used = np.unique([scan.keyframe for scan in own])
+    used = np.array(sorted({scan.keyframe for scan in own}, key=lambda k: keyframes[k].stamp_ns))
     chosen = used[np.unique(np.linspace(0, len(used) - 1, min(len(used), _MOST)).astype(int))]
     R_frame_keyframe = R_frame_map @ backend.poses[:, :3, :3]
     known = _along_axes(uncertainty.pose_covariances(chosen.tolist()), R_frame_keyframe[chosen])
