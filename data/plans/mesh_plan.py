@@ -17,7 +17,7 @@ from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 from data.geometry.areas import Area, closed, difference, opened, united
 from data.ifc.rooms import Level, RoomVolume, finished
-from data.ifc.surfaces import CUTS, surfaces_at
+from data.ifc.surfaces import CUTS, open_area, surfaces_at
 from data.plans.mesh_files import read_triangles
 from data.plans.mesh_sections import MeshSolid, mesh_solid
 from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface
@@ -71,7 +71,7 @@ def read_mesh(path: Path | str, *more: Path | str) -> MeshBuilding:
     # what has no source is a wall of its own: all of a mesh is one body
     numbered = tuple(
         replace(s, id=f"surface-{k}", source="", height=_up_to(ceilings.get(s.room or ""), s.height))
-        for k, s in enumerate(surfaces, 1)
+        for k, s in enumerate(sorted(surfaces, key=lambda s: s.room is None), 1)
     )
     floors = tuple(Floor(str(v.floor), f"level {v.bottom:.2f}", v.bottom) for v in levels)
     rooms = tuple(room.room for level in levels for room in level.rooms)
@@ -132,11 +132,11 @@ def _level(solid: MeshSolid, z: float, floor: Area, number: int) -> tuple[Level,
     if walls.is_empty:
         parts = []
     key = f"storey-{number + 1}"
-    volumes = (
-        RoomVolume(Room(f"{key}/room-{k}", (0.0, 0.0), key, f"Room {k}"), part, z, z + STOREY)
+    volumes = tuple(
+        finished(RoomVolume(Room(f"{key}/room-{k}", (0.0, 0.0), key, f"Room {k}"), part, z, z + STOREY))
         for k, part in enumerate(parts, 1)
     )
-    return Level(key, z, solid.top, tuple(finished(v) for v in volumes)), doorways
+    return Level(key, z, solid.top, volumes, open_area(shut, parts)), doorways
 
 
 def _longer_side(area: Area) -> float:
