@@ -56,7 +56,8 @@ def generate_hall(kind: str, seed: int) -> Hall:
     piers = [_pier(x, y, rng) for _ in range(int(rng.integers(2, 5)))]
     walls = difference(united([ring, core, *(p for p in piers if not p.intersects(core))]), doorways)
     spacing, side = rng.uniform(*SPACINGS[kind], 2), float(rng.uniform(0.35, 0.6))
-    places = [(u, v) for u in np.arange(spacing[0], x - 2, spacing[0]) for v in np.arange(spacing[1], y - 2, spacing[1])]
+    us, vs = (np.arange(step, long - 2, step) for step, long in zip(spacing, (x, y), strict=True))
+    places = [(u, v) for u in us for v in vs]
     clear = walls.buffer(LANE / 2)
     columns = [c for p in places if not (c := shapely.Point(p).buffer(side / 2, cap_style="square")).intersects(clear)]
     rooms = [r for r in closed_faces(united([walls, doorways, *gates])) if r.area < x * y / 4]
@@ -71,9 +72,9 @@ def _gates(x: float, y: float, of: tuple[int, float, float], rng: Rng) -> list[A
     found = []
     for k in range(count):
         width, share = float(rng.uniform(least, most)), float(rng.uniform(0.15, 0.85))
-        along_x = k % 2 == 0 if count == 2 else True
-        long = x if along_x else y
-        begin = (k + share) / count * (long - count * most) + k * most if along_x and count > 2 else share * (long - most)
+        along_x = count != 2 or k == 0
+        free = (x if along_x else y) - most
+        begin = share * free if count <= 2 else (k + share) / count * (free - (count - 1) * most) + k * most
         low, high = ((begin, -1.0), (begin + width, 1.0)) if along_x else ((-1.0, begin), (1.0, begin + width))
         found.append(shapely.box(*low, *high))
     return found
