@@ -14,9 +14,8 @@ import shapely.geometry
 
 from data.common.errors import UserError
 from data.geometry.areas import Area, polygons_of, united
-from data.ifc.rooms import Level
-from data.plans.flat_plan import HEIGHT, roomless_surfaces
 from data.plans.polygons import Drawing, DrawnRoom, Plan, scene_graph_of, with_pillars
+from data.scene_graph import WallSurface
 
 MIN_AREA = 1.0  # m2: below it, a shaft
 DOOR_WIDTH = (0.5, 2.5)  # m: a plan whose doors are mostly wider or narrower is not in metres
@@ -48,10 +47,7 @@ def read_json_plan(text: str | bytes, where: str, merge_collinear: bool = True) 
         name = str(value.get("name") or where)
         graph = scene_graph_of(drawing, merge_collinear)
         if merge_collinear and graph.wall_surfaces:
-            others = [*(r.area for r in drawing.rooms), *(area for _, area, _ in drawing.doors)]
-            outside = roomless_surfaces(drawing.walls, others, Level(None, 0.0, HEIGHT))
-            named = (replace(s, id=f"surface{k}", source="", height=None) for k, s in enumerate(outside))
-            graph = replace(graph, wall_surfaces=(*graph.wall_surfaces, *named))
+            graph = replace(graph, wall_surfaces=(*graph.wall_surfaces, *_roomless(drawing)))
     except UserError as error:
         raise UserError(f"{where}: {error}") from None
     except Exception as error:  # shapely raises many kinds where coordinates are none
@@ -60,6 +56,15 @@ def read_json_plan(text: str | bytes, where: str, merge_collinear: bool = True) 
     if not graph.wall_surfaces:
         raise UserError(f"{where}: no room with walls; skip it, or draw its rooms as polygons")
     return Plan(name, str(value.get("building") or name), graph)
+
+
+def _roomless(drawing: Drawing) -> list[WallSurface]:
+    from data.ifc.rooms import Level  # loads ifcopenshell
+    from data.plans.flat_plan import HEIGHT, roomless_surfaces
+
+    others = [*(r.area for r in drawing.rooms), *(area for _, area, _ in drawing.doors)]
+    outside = roomless_surfaces(drawing.walls, others, Level(None, 0.0, HEIGHT))
+    return [replace(s, id=f"surface{k}", source="", height=None) for k, s in enumerate(outside)]
 
 
 def _drawing(value: Any, everything: bool) -> Drawing:
