@@ -15,7 +15,7 @@ from data.ifc.doors import across, body_of
 from data.ifc.edges import OPENING_WIDTH, ends_of, is_pillar, straightened
 from data.ifc.rooms import Level, RoomVolume, finished
 from data.ifc.sections import Solid
-from data.ifc.surfaces import CUTS, open_area
+from data.ifc.surfaces import CUTS, PASSAGE, open_area
 from data.scene_graph import Room
 
 FILLINGS = ("IfcDoor", "IfcWindow")
@@ -25,7 +25,6 @@ DOORWAY = 1.2  # m: a wider opening in a wall that no door fills joins what lies
 MIN_AREA = 1.5  # m2: below it, a shaft
 JAMB = 0.7  # m: no wall's end is wider
 PASSABLE = 0.5  # m: a narrower gap between walls is no door
-HALF_WIDTH = 0.3  # m: a face that is nowhere twice as wide is a cavity
 BEGINS = 0.5  # m: what begins this close to a level belongs to it
 STOREY = 2.2  # m: no storey is lower
 SAME = 0.7  # of the larger one's area: the same face
@@ -123,7 +122,7 @@ def _rooms(level: Level, faces: list[Face], levels: list[Level]) -> tuple[RoomVo
 
 def closed_faces(walls: Area) -> list[Area]:
     """The closed faces between walls in which one could be, by position."""
-    faces = [f for f in enclosed(walls) if f.area >= MIN_AREA and opened(f, HALF_WIDTH).area >= MIN_AREA]
+    faces = [f for f in enclosed(walls) if f.area >= MIN_AREA and opened(f, PASSAGE).area >= MIN_AREA]
     return sorted(faces, key=lambda f: (round(f.centroid.x, 2), round(f.centroid.y, 2)))
 
 

@@ -33,13 +33,14 @@ def read_ifc(path: Path | str) -> tuple[SceneGraph, tuple[str, ...]]:
     """
     model = open_ifc(path)
     count = sum(len(model.by_type(c)) for c in WALLS)
-    solids = [s for s in map(solid_of, products(model, WALLS)) if s.is_upright]
+    made = [solid_of(p) for p in products(model, WALLS)]
+    shadows = {s.product.global_id: s.shadow() for s in made}
+    solids = [s for s in made if _stands(s, shadows[s.product.global_id])]
     columns = [solid_of(p) for p in products(model, COLUMNS)]
     if not solids:
         lack = "no walls" if not count else f"no walls with a geometry ({count} without)"
         raise UserError(f"{path}: has {lack} (IfcWall, IfcCurtainWall); export the walls with their geometry")
     rooms, notices = rooms_of(model)
-    shadows = {s.product.global_id: s.shadow() for s in solids}
     floors = floors_of(model, rooms, solids)
     if rooms:
         rooms = [replace(r, room=replace(r.room, floor=floor_of(r, floors))) for r in rooms]
@@ -50,9 +51,14 @@ def read_ifc(path: Path | str) -> tuple[SceneGraph, tuple[str, ...]]:
         notices.insert(0, _no_spaces(rooms, solids))
     surfaces = _numbered([s for level in levels for s in surfaces_at(level, [*solids, *columns])])
     if len(solids) < count:
-        notices.append(f"{count - len(solids)} of {count} walls have no geometry and are left out")
+        notices.append(f"{count - len(solids)} of {count} walls have no geometry or lie flat, and are left out")
     doors = doors_of(model, rooms, shadows)
     return SceneGraph("bim", tuple(r.room for r in rooms), surfaces, doors, floors), tuple(notices)
+
+
+def _stands(solid: Solid, shadow: Area) -> bool:
+    """Whether more of a body's surface is upright than level: floors are exported as walls too."""
+    return (solid.top - solid.bottom) * shadow.length > 2 * shadow.area
 
 
 def _no_spaces(rooms: list[RoomVolume], solids: list[Solid]) -> str:

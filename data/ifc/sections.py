@@ -37,13 +37,6 @@ class Solid:
         """The body seen from above; door and window openings are closed by what lies over and under them."""
         return closed(united(_shadow(triangles) for triangles, _ in self.pieces), SLIT)
 
-    @property
-    def is_upright(self) -> bool:
-        """Whether more of its surface stands than lies; floors are exported as walls too."""
-        triangles = np.concatenate([t for t, _ in self.pieces])
-        standing, every = (_area(t) for t in (self.upright_faces, triangles))
-        return standing > every / 2
-
     @cached_property
     def upright_faces(self) -> NDArray[np.float64]:
         """(M, 3, 3) the triangles that stand upright."""
@@ -64,11 +57,6 @@ def solid_of(product: IfcProduct) -> Solid:
     pieces = tuple((product.vertices[f], f) for f in (faces[of_face == k] for k in np.unique(of_face)))
     z = product.vertices[faces.ravel(), 2]
     return Solid(product, pieces, float(z.min()), float(z.max()))
-
-
-def _area(triangles: NDArray[np.float64]) -> float:
-    crossed = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    return float(np.linalg.norm(crossed, axis=1).sum() / 2)
 
 
 def _section(triangles: NDArray[np.float64], corners: NDArray[np.int32], z: float) -> Area:

@@ -91,7 +91,7 @@ def roomless_surfaces(walls: Area, others: Iterable[Area], level: Level) -> list
 
 @dataclass(frozen=True, eq=False)
 class _Prism(Solid):
-    """Walls with the same section at every height."""
+    """Walls with the same section at every height, and no faces: these reach from floor to ceiling."""
 
     area: Area
     is_building = True
@@ -106,18 +106,9 @@ class _Prism(Solid):
 
 
 def _prism(area: Area, bottom: float, top: float) -> _Prism:
-    triangles, none = _upright(area, bottom, top), np.zeros((0, 3), np.int32)
+    none = np.zeros((0, 3), np.int32)
     product = IfcProduct("walls", "IfcWall", "", None, np.zeros((0, 3)), none)
-    return _Prism(product, ((triangles, none),), bottom, top, area)
-
-
-def _upright(area: Area, bottom: float, top: float) -> Array:
-    """(M, 3, 3) the sides."""
-    rings = [np.asarray(r.coords) for p in shapely.get_parts(area) for r in (p.exterior, *p.interiors)]
-    a, b = np.concatenate([r[:-1] for r in rings]), np.concatenate([r[1:] for r in rings])
-    low, high = np.full((len(a), 1), bottom), np.full((len(a), 1), top)
-    corners = [np.hstack([a, low]), np.hstack([b, low]), np.hstack([b, high]), np.hstack([a, high])]
-    return np.concatenate([np.stack([corners[i] for i in order], axis=1) for order in ((0, 1, 2), (0, 2, 3))])
+    return _Prism(product, ((np.zeros((0, 3, 3)), none),), bottom, top, area)
 
 
 def _between_walls(storey: FlatStorey, floor: Floor) -> SceneGraph:

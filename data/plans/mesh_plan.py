@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 from data.geometry.areas import Area, closed, difference, opened, united
+from data.ifc.enclosed_rooms import GAP, MIN_AREA, PASSABLE, STOREY
 from data.ifc.rooms import Level, RoomVolume, finished
-from data.ifc.surfaces import CUTS, open_area, surfaces_at
+from data.ifc.surfaces import CUTS, PASSAGE, open_area, surfaces_at
 from data.plans.mesh_files import read_triangles
 from data.plans.mesh_sections import MeshSolid, mesh_solid
 from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface
@@ -25,13 +26,9 @@ from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface
 Array = NDArray[np.float64]
 LINTELS = (1.95, 2.05, 2.15, 2.3, 2.45, 2.6)  # m above the floor, where doorways have an upper end
 DOORWAY = 1.6  # m: a wider opening under a lintel joins what lies on its sides
-PASSABLE = 0.5  # m: a narrower one is no door
-GAP = 0.3  # m: walls this close to each other meet
 SAME_FLOOR = 0.1  # m
 LOWEST_CEILING = 1.9  # m
-STOREY = 2.2  # m: no storey is lower
 PART_OF_MOST = 0.3  # of the largest floor's area that another floor has at least
-MIN_AREA, HALF_WIDTH = 1.5, 0.3  # m2, m: what is smaller, or nowhere twice as wide, is no room
 SLIVER = 0.01  # m: sections of one wall at two heights differ by less
 REACH = 0.1  # m: a doorway's rooms begin this close to it
 
@@ -127,7 +124,7 @@ def _level(solid: MeshSolid, z: float, floor: Area, number: int) -> tuple[Level,
     doorways = [p for p in shapely.get_parts(overhead) if p.area > 0 and _longer_side(p) <= DOORWAY]
     shut = closed(united([walls, *doorways]), GAP)
     inside = united(shapely.Polygon(p.exterior) for p in shapely.get_parts(united([floor, walls])))
-    parts = [p for p in shapely.get_parts(opened(difference(inside, shut), HALF_WIDTH)) if p.area >= MIN_AREA]
+    parts = [p for p in shapely.get_parts(opened(difference(inside, shut), PASSAGE)) if p.area >= MIN_AREA]
     parts.sort(key=lambda p: (round(p.centroid.x, 2), round(p.centroid.y, 2)))
     if walls.is_empty:
         parts = []

@@ -232,7 +232,7 @@ def test_building_without_spaces_and_closed_faces_gives_every_free_side(tmp_path
     model.prism("IfcWall", box(0, 0.3, 0.3, 6), (0.0, 2.7), storey)
     graph, (notice,) = read_ifc(model.save(tmp_path / "m.ifc"))
     long = [("", 0, -1, 0.1, 8.0), ("", 0, 1, 0.3, 7.7), ("", -1, 0, 0, 6.1), ("", 1, 0, 0.3, 5.7)]
-    assert matches(sides(graph, np.eye(4)), [*long, ("", 1, 0, 8.0, 0.4)])  # a map has no wall as short as the other end
+    assert matches(sides(graph, np.eye(4)), [*long, ("", 1, 0, 8.0, 0.4)])  # the other is too short
     assert "no IfcSpace" in notice and "2 walls enclose none" in notice
     assert {w.floor for w in graph.wall_surfaces} == {graph.floors[0].id}
 
