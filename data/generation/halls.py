@@ -128,12 +128,9 @@ def write_hall(hall: Hall, mesh: Path | str, plan: Path | str) -> None:
     trimesh.Trimesh(**trimesh.triangles.to_kwargs(np.concatenate(parts))).export(Path(mesh))
     planned = [(WALL, p) for p in shapely.get_parts(hall.walls)] + [(COLUMN, c) for c in hall.columns]
     if Path(plan).suffix == ".geojson":
-        features = [
-            {"type": "Feature", "properties": {"ifc_class": kind}, "geometry": shapely.geometry.mapping(p)}
-            for kind, p in planned
-        ]
-        write_json(plan, {"type": "FeatureCollection", "features": features})
-        return
+        shapes = [(kind, shapely.geometry.mapping(p)) for kind, p in planned]
+        features = [{"type": "Feature", "properties": {"kind": kind}, "geometry": shape} for kind, shape in shapes]
+        return write_json(plan, {"type": "FeatureCollection", "features": features})
     writer = IfcWriter(hall.name, {"Hall": 0.0})
     for number, (kind, area) in enumerate(planned, 1):
         pieces = shapely.constrained_delaunay_triangles(area).geoms if area.interiors else [area]

@@ -130,7 +130,7 @@ def _between_walls(storey: FlatStorey, floor: Floor) -> SceneGraph:
     found = sorted(surfaces_at(level, [_prism(walls, bottom, top)]), key=lambda s: s.room is None)
     surfaces = tuple(_named(s, f"{floor.id}/surface-{k}", storey) for k, s in enumerate(found, 1))
     openings = [*storey.doors, *shapely.get_parts(united(doorways)), *shapely.get_parts(united(gates))]
-    doors = tuple(_doors(floor.id, openings, volumes))
+    doors = tuple(doors_of(floor.id, openings, volumes))
     return SceneGraph("bim", tuple(v.room for v in volumes), surfaces, doors, (floor,))
 
 
@@ -139,7 +139,7 @@ def _named(surface: WallSurface, id: str, storey: FlatStorey) -> WallSurface:
     return replace(surface, id=id, source="", height=surface.height if known else None)
 
 
-def _doors(key: str, openings: Iterable[Area], rooms: Sequence[RoomVolume]) -> Iterable[Door]:
+def doors_of(key: str, openings: Iterable[Area], rooms: Sequence[RoomVolume]) -> Iterable[Door]:
     """The openings with a room on one side or two."""
     for number, opening in enumerate(openings, 1):
         beside = [r.room.id for r in rooms if r.area.distance(opening) < REACH]

@@ -19,18 +19,17 @@ from data.geometry.areas import Area, closed, difference, opened, united
 from data.ifc.enclosed_rooms import GAP, MIN_AREA, PASSABLE, STOREY
 from data.ifc.rooms import Level, RoomVolume, finished
 from data.ifc.surfaces import CUTS, PASSAGE, open_area, surfaces_at
+from data.plans.flat_plan import DOORWAY, doors_of
 from data.plans.mesh_files import read_triangles
 from data.plans.mesh_sections import MeshSolid, mesh_solid
 from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface
 
 Array = NDArray[np.float64]
 LINTELS = (1.95, 2.05, 2.15, 2.3, 2.45, 2.6)  # m above the floor, where doorways have an upper end
-DOORWAY = 1.6  # m: a wider opening under a lintel joins what lies on its sides
 SAME_FLOOR = 0.1  # m
 LOWEST_CEILING = 1.9  # m
 PART_OF_MOST = 0.3  # of the largest floor's area that another floor has at least
 SLIVER = 0.01  # m: sections of one wall at two heights differ by less
-REACH = 0.1  # m: a doorway's rooms begin this close to it
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +57,8 @@ def read_mesh(path: Path | str, *more: Path | str) -> MeshBuilding:
         level, openings = _level(solid, z, floor, len(levels))
         if level.rooms:
             levels.append(level)
-            doors += [replace(d, id=f"door-{len(doors) + k}") for k, d in enumerate(_doors(level, openings), 1)]
+            found = enumerate(doors_of("", openings, level.rooms), len(doors) + 1)
+            doors += [replace(d, id=f"door-{k}") for k, d in found]
     tops = [*(level.bottom for level in levels[1:]), solid.top]
     for level, top in zip(levels, tops, strict=False):
         surfaces += surfaces_at(replace(level, top=top), [solid])
@@ -133,22 +133,13 @@ def _level(solid: MeshSolid, z: float, floor: Area, number: int) -> tuple[Level,
         finished(RoomVolume(Room(f"{key}/room-{k}", (0.0, 0.0), key, f"Room {k}"), part, z, z + STOREY))
         for k, part in enumerate(parts, 1)
     )
-    return Level(key, z, solid.top, volumes, open_area(shut, parts)), doorways
+    passable = [d for d in doorways if _longer_side(d) >= PASSABLE]
+    return Level(key, z, solid.top, volumes, open_area(shut, parts)), passable
 
 
 def _longer_side(area: Area) -> float:
     corners = np.asarray(shapely.oriented_envelope(area).exterior.coords)
     return float(np.linalg.norm(np.diff(corners, axis=0), axis=1).max())
-
-
-def _doors(level: Level, doorways: list[Area]) -> list[Door]:
-    """The doorways with a room on one side or two."""
-    doors = []
-    for opening in doorways:
-        beside = [r.room.id for r in level.rooms if r.area.distance(opening) < REACH]
-        if 1 <= len(beside) <= 2 and _longer_side(opening) >= PASSABLE:
-            doors.append(Door("", tuple(beside), (float(opening.centroid.x), float(opening.centroid.y))))
-    return doors
 
 
 def main() -> int:

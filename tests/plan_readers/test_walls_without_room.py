@@ -68,7 +68,8 @@ def ifc(folder: Path, walls: shapely.MultiPolygon, rooms: bool) -> SceneGraph:
         body = [Prism(tuple(p.exterior.coords[:-1]), 0.0, TOP) for p in pieces]
         writer.element("IfcColumn" if polygon.area < 0.2 else "IfcWall", "", "Ground", body)
     if rooms:
-        writer.space("Core", "Ground", box(*CORE.bounds[:2], 0.0, *CORE.bounds[2:], TOP))
+        x0, y0, x1, y1 = CORE.bounds
+        writer.space("Core", "Ground", box(x0, y0, 0.0, x1, y1, TOP))
     writer.save(folder / "plan.ifc")
     return read_ifc(folder / "plan.ifc")[0]
 
@@ -102,7 +103,7 @@ def at(graph: SceneGraph, x: float, y: float, normal: tuple[int, int]) -> list[s
 @pytest.mark.parametrize("reader", READERS)
 def test_every_side_of_a_wall_or_column_that_one_can_stand_before_is_a_surface(reader: str, tmp_path: Path) -> None:
     graph = READERS[reader](tmp_path, hall())
-    hall_room = {r.id for r in graph.rooms if shapely.Polygon(r.polygon).area > 50}
+    hall_room: set[str | None] = {r.id for r in graph.rooms if shapely.Polygon(r.polygon).area > 50}
     inside = hall_room or {None}
     for column in COLUMNS:
         x, y = column.centroid.coords[0]
