@@ -134,8 +134,8 @@ def test_a_floor_that_is_exported_as_a_wall_is_no_wall(tmp_path: Path) -> None:
         writer = IfcWriter("floors", {"Ground": 0.0})
         for x0, y0, x1, y1 in ((0, 0, 6, 0.3), (0, 4, 6, 4.3), (0, 0.3, 0.3, 4), (5.7, 0.3, 6, 4)):
             writer.element("IfcWall", "", "Ground", [box(x0, y0, 0.0, x1, y1, TOP)])
-        for z in (-0.3, 1.0) * floors:
-            writer.element("IfcWall", "", "Ground", [box(0.3, 0.3, z, 5.7, 4, z + 0.3)])
+        for low, high in ((-0.3, 0.0), (1.0, 1.35)) * floors:  # a floor and a platform
+            writer.element("IfcWall", "", "Ground", [box(2, 1, low, 4, 3, high)])
         writer.save(tmp_path / "plan.ifc")
         graphs.append(read_ifc(tmp_path / "plan.ifc")[0])
     planes = [[(w.plane, w.length, w.height) for w in graph.wall_surfaces] for graph in graphs]
