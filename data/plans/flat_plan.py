@@ -100,10 +100,6 @@ class _Prism(Solid):
         """The walls."""
         return self.area if self.bottom < z < self.top else shapely.Polygon()
 
-    def shadow(self) -> Area:
-        """The walls."""
-        return self.area
-
 
 def _prism(area: Area, bottom: float, top: float) -> _Prism:
     none = np.zeros((0, 3), np.int32)
