@@ -42,8 +42,8 @@ def plan_triangles(graph: SceneGraph) -> Array:
     walls = outline.difference(inside)
     doorways = united([d for door in graph.doors if (d := _doorway(door, rooms)) is not None])
     parts = [
-        _extruded(outline, -SLAB, 0.0), _extruded(walls.difference(doorways), 0.0, LINTEL),
-        _extruded(walls, LINTEL, HEIGHT), _extruded(outline, HEIGHT, HEIGHT + SLAB),
+        extruded(outline, -SLAB, 0.0), extruded(walls.difference(doorways), 0.0, LINTEL),
+        extruded(walls, LINTEL, HEIGHT), extruded(outline, HEIGHT, HEIGHT + SLAB),
     ]  # fmt: skip
     return np.concatenate(parts)
 
@@ -59,7 +59,7 @@ def _doorway(door: Door, rooms: dict[str, shapely.Polygon]) -> Area | None:
     return line.buffer(DOORWAY / 2, cap_style="flat")
 
 
-def _extruded(area: Area, low: float, high: float) -> Array:
+def extruded(area: Area, low: float, high: float) -> Array:
     """(M, 3, 3) the surface of a body with this outline from a lower to an upper height, turned outwards."""
     import trimesh
 

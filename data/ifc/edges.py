@@ -61,10 +61,16 @@ def _each_ring(polygon: Area, change: Callable[[Points], Points]) -> Area:
     return shapely.Polygon(rings[0], rings[1:])
 
 
-def edges_of(area: Area) -> list[Edge]:
-    """The edges of a straightened area; reveals of openings are left out."""
+def is_pillar(polygon: Area) -> bool:
+    """Whether no side of a polygon is as long as a wall's."""
+    return bool(np.linalg.norm(np.diff(np.asarray(polygon.exterior.coords), axis=0), axis=1).max() < REVEAL_LENGTH)
+
+
+def edges_of(area: Area, has_pillars: bool = False) -> list[Edge]:
+    """The edges of a straightened area without the reveals of openings; `has_pillars`: small polygons have none."""
     edges = []
     for polygon in shapely.get_parts(area):
+        opposite = polygon if has_pillars and is_pillar(polygon) else area
         for ring in (polygon.exterior, *polygon.interiors):
             points = np.asarray(ring.coords)
             steps = np.diff(points, axis=0)
@@ -75,7 +81,7 @@ def edges_of(area: Area) -> list[Edge]:
             ):
                 edge = Edge(start, step / length, float(length))
                 square = min(abs(turn), abs(next_turn)) > REVEAL_TURN
-                if not (square and length < REVEAL_LENGTH and _faces_itself(edge, area)):
+                if not (square and length < REVEAL_LENGTH and _faces_itself(edge, opposite)):
                     edges.append(edge)
     return edges
 

@@ -12,23 +12,22 @@ from numpy.typing import NDArray
 
 from data.geometry.areas import Area, closed, difference, enclosed, opened, overlap, polygons_of, united
 from data.ifc.doors import across, body_of
-from data.ifc.products import products
+from data.ifc.edges import OPENING_WIDTH, ends_of, is_pillar, straightened
 from data.ifc.rooms import Level, RoomVolume, finished
-from data.ifc.sections import Solid, solid_of
-from data.ifc.surfaces import CUTS
+from data.ifc.sections import Solid
+from data.ifc.surfaces import CUTS, PASSAGE, open_area
 from data.scene_graph import Room
 
 FILLINGS = ("IfcDoor", "IfcWindow")
 HEAD = 1.0  # m above the level: what stands there is a wall of the level
 GAP = 0.3  # m: walls this close to each other meet
 DOORWAY = 1.2  # m: a wider opening in a wall that no door fills joins what lies on its sides
-INDOORS = 6.0  # m: what lies between walls this close to each other is part of the building
 MIN_AREA = 1.5  # m2: below it, a shaft
-HALF_WIDTH = 0.3  # m: a face that is nowhere twice as wide is a cavity
+JAMB = 0.7  # m: no wall's end is wider
+PASSABLE = 0.5  # m: a narrower gap between walls is no door
 BEGINS = 0.5  # m: what begins this close to a level belongs to it
 STOREY = 2.2  # m: no storey is lower
 SAME = 0.7  # of the larger one's area: the same face
-MIN_OPEN = 2.0  # m2: of what lies indoors and in no room
 
 
 @dataclass(frozen=True)
@@ -56,25 +55,21 @@ class Face:
     walls: float
 
 
-def rooms_between(model: ifcopenshell.file, levels: list[Level], walls: list[Solid]) -> list[Level]:
+def rooms_between(model: ifcopenshell.file, levels: list[Level], solids: list[Solid]) -> list[Level]:
     """The levels, those that have closed faces between their walls with these as rooms.
 
-    Where it has faces, a level's `unknown` area is what else lies indoors. Columns count as parts of walls;
-    gaps up to GAP and openings with a door or window, or up to DOORWAY, count as closed. Of the same face at
-    levels too close to each other for two storeys (split levels), the one is kept where its doors, else its
-    walls, begin. Room ids are the storey's GlobalId and a number by position.
+    `solids` are the walls and columns. Gaps up to GAP and openings with a door or window, or up to DOORWAY, count as
+    closed. Of the same face at levels too close to each other for two storeys (split levels), the one is kept where
+    its doors, else its walls, begin. Room ids are the storey's GlobalId and a number by position.
     """
-    solids = [*walls, *(solid_of(p) for p in products(model, ("IfcColumn",)))]
     fillings = [f for f in map(_filling, (f for c in FILLINGS for f in model.by_type(c))) if f is not None]
     shut = [_shut_walls(level.bottom, solids, fillings) for level in levels]
     faces = [_faces(level, area, solids, fillings) for level, area in zip(levels, shut, strict=True)]
     kept = _of_one_level([f for here in faces for f in here])
     result = []
     for level, area, here in zip(levels, shut, faces, strict=True):
-        if here:
-            rooms = _rooms(level, [f for f in here if f in kept], levels)
-            level = replace(level, rooms=rooms, unknown=open_rest(area, [f.area for f in here]))
-        result.append(level)
+        rooms = _rooms(level, [f for f in here if f in kept], levels)
+        result.append(replace(level, rooms=rooms, open=open_area(area, [f.area for f in here])))
     return result
 
 
@@ -96,9 +91,9 @@ def _rectangle(low: NDArray[np.float64], high: NDArray[np.float64], axes: NDArra
 
 
 def _faces(level: Level, walls: Area, solids: list[Solid], fillings: list[Filling]) -> list[Face]:
-    """The closed faces, by position."""
-    areas = [f for f in enclosed(walls) if f.area >= MIN_AREA and opened(f, HALF_WIDTH).area >= MIN_AREA]
-    areas.sort(key=lambda f: (round(f.centroid.x, 2), round(f.centroid.y, 2)))
+    """The closed faces, by position, and the halls that are open at gates."""
+    areas = closed_faces(walls)
+    areas += halls(walls, areas)[0]
     doors = [f.sides for f in fillings if f.is_door and abs(f.low - level.bottom) < BEGINS]
     begun = united(s.shadow() for s in solids if abs(s.bottom - level.bottom) < BEGINS) if areas else walls
     return [
@@ -125,11 +120,36 @@ def _rooms(level: Level, faces: list[Face], levels: list[Level]) -> tuple[RoomVo
     return tuple(finished(RoomVolume(room, face.area, level.bottom, top)) for room, face in volumes)
 
 
-def open_rest(walls: Area, faces: list[Area]) -> Area:
-    """The indoor area outside all closed faces."""
-    outlines = united(shapely.Polygon(p.exterior) for p in shapely.get_parts(closed(walls, INDOORS)))
-    rest = difference(difference(outlines, walls), united(faces))
-    return shapely.MultiPolygon([p for p in shapely.get_parts(opened(rest, HALF_WIDTH)) if p.area > MIN_OPEN])
+def closed_faces(walls: Area) -> list[Area]:
+    """The closed faces between walls in which one could be, by position."""
+    faces = [f for f in enclosed(walls) if f.area >= MIN_AREA and opened(f, PASSAGE).area >= MIN_AREA]
+    return sorted(faces, key=lambda f: (round(f.centroid.x, 2), round(f.centroid.y, 2)))
+
+
+def halls(walls: Area, faces: list[Area]) -> tuple[list[Area], list[Area]]:
+    """The faces outside the given ones that are closed but for gaps of a gate's width, and these gaps."""
+    parts = shapely.get_parts(straightened(walls))
+    gates = list(gaps(shapely.MultiPolygon([p for p in parts if not is_pillar(p)]), OPENING_WIDTH))
+    inside = united(faces)
+    found = closed_faces(united([walls, *gates])) if gates else []
+    gained = [f for f in found if overlap(f, inside).area < f.area / 2]
+    return gained, [g for g in gates if any(f.distance(g) < GAP for f in gained)]
+
+
+def gaps(walls: Area, widest: float) -> Iterable[Area]:
+    """The gaps before walls' ends that another wall closes within `widest` metres."""
+    edges = ends_of(walls, JAMB)
+    if not edges:
+        return
+    middles = np.array([e.point(e.length / 2) for e in edges])
+    normals = np.array([e.normal for e in edges])
+    sights = shapely.linestrings(np.stack([middles + 0.01 * normals, middles + widest * normals], axis=1))
+    met = shapely.intersection(sights, walls)
+    between = shapely.distance(shapely.points(middles), met)
+    for edge, gap in zip(edges, between.tolist(), strict=True):
+        if PASSABLE <= gap <= widest:
+            a, b = edge.start, edge.point(edge.length)
+            yield shapely.Polygon([a, b, b + (gap + 0.01) * edge.normal, a + (gap + 0.01) * edge.normal])
 
 
 def _shut_walls(z: float, solids: list[Solid], fillings: list[Filling]) -> Area:

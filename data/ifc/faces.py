@@ -22,6 +22,7 @@ CURTAIN_DEPTH = 0.2  # m: panes and mullions of one curtain wall are one surface
 MAX_GAP = 2.5  # m: a door or window
 BUTT = 0.02  # m: walls that meet end to end, drawn with a slit
 MIN_LENGTH = 0.15  # m
+MIN_ROOMLESS = 0.35  # m: the shortest wall in a map; the ends of walls outdoors are mostly shorter
 MIN_HEIGHT = 0.3  # m
 
 
@@ -49,7 +50,7 @@ class Piece:
 def merged(level: Level, pieces: list[Piece], cuts: list[Area]) -> list[WallSurface]:
     """Returns the surfaces, with empty ids. Pieces of one room in one plane are joined over gaps up to a door's width.
 
-    If the room is unknown, pieces are not joined over a gap with a wall in it (`cuts`: the walls' sections).
+    If they face no room, pieces are not joined over a gap with a wall in it (`cuts`: the walls' sections).
     """
     of_room: dict[str | None, list[Piece]] = defaultdict(list)
     for piece in pieces:
@@ -114,7 +115,7 @@ def _surface(level: Level, room: str | None, pieces: list[Piece]) -> WallSurface
     for piece in pieces:
         of_solid[piece.solid].append(_span(piece, plane))
     extents = [(min(a for a, _ in own), max(b for _, b in own)) for own in of_solid.values()]
-    if max(high - low for low, high in (*spans, *extents)) < MIN_LENGTH:
+    if max(high - low for low, high in (*spans, *extents)) < (MIN_LENGTH if room is not None else MIN_ROOMLESS):
         return None  # edges of thin partitions in a row; two stumps of one wall beside its door are a surface
     low, high = spans[0][0], spans[-1][1]
     height = _height(level, room, plane, (low, high), list(of_solid))

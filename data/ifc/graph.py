@@ -8,23 +8,22 @@ import numpy as np
 import shapely
 
 from data.common.errors import UserError
-from data.geometry.areas import Area, difference, enclosed, opened, united
+from data.geometry.areas import Area, united
 from data.ifc.doors import doors_of
 from data.ifc.enclosed_rooms import rooms_between
 from data.ifc.products import open_ifc, products
 from data.ifc.rooms import Level, RoomVolume, rooms_of
 from data.ifc.sections import Solid, solid_of
 from data.ifc.storeys import floor_of, floors_of
-from data.ifc.surfaces import surfaces_at
+from data.ifc.surfaces import open_area, surfaces_at
 from data.scene_graph import Floor, SceneGraph, WallSurface
 
 WALLS = ("IfcWall", "IfcCurtainWall")
+COLUMNS = ("IfcColumn",)
 SAME_LEVEL = 0.25  # m: floors of one level differ by less
 STOREY_APART = 1.0  # m: storeys closer to each other (structural and finished level) count once
 HEAD = 2.0  # m: a wall that reaches this far above a storey's floor stands in that storey too
 SLIT = 0.05  # m: walls closer to each other leave no way between them
-WAY = 0.3  # m: half the width of the narrowest place where one could be
-MIN_UNKNOWN = 2.0  # m2
 
 
 def read_ifc(path: Path | str) -> tuple[SceneGraph, tuple[str, ...]]:
@@ -34,25 +33,32 @@ def read_ifc(path: Path | str) -> tuple[SceneGraph, tuple[str, ...]]:
     """
     model = open_ifc(path)
     count = sum(len(model.by_type(c)) for c in WALLS)
-    solids = [solid_of(p) for p in products(model, WALLS)]
+    made = [solid_of(p) for p in products(model, WALLS)]
+    shadows = {s.product.global_id: s.shadow() for s in made}
+    solids = [s for s in made if _stands(s, shadows[s.product.global_id])]
+    columns = [solid_of(p) for p in products(model, COLUMNS)]
     if not solids:
         lack = "no walls" if not count else f"no walls with a geometry ({count} without)"
         raise UserError(f"{path}: has {lack} (IfcWall, IfcCurtainWall); export the walls with their geometry")
     rooms, notices = rooms_of(model)
-    shadows = {s.product.global_id: s.shadow() for s in solids}
     floors = floors_of(model, rooms, solids)
     if rooms:
         rooms = [replace(r, room=replace(r.room, floor=floor_of(r, floors))) for r in rooms]
         levels = _levels(floors, rooms, solids, shadows)
     else:
-        levels = rooms_between(model, _levels_without_rooms(floors, solids), solids)
+        levels = rooms_between(model, _levels_without_rooms(floors, solids, columns), [*solids, *columns])
         rooms = [r for level in levels for r in level.rooms]
         notices.insert(0, _no_spaces(rooms, solids))
-    surfaces = _numbered([s for level in levels for s in surfaces_at(level, solids)])
+    surfaces = _numbered([s for level in levels for s in surfaces_at(level, [*solids, *columns])])
     if len(solids) < count:
-        notices.append(f"{count - len(solids)} of {count} walls have no geometry and are left out")
+        notices.append(f"{count - len(solids)} of {count} walls have no geometry or lie flat, and are left out")
     doors = doors_of(model, rooms, shadows)
     return SceneGraph("bim", tuple(r.room for r in rooms), surfaces, doors, floors), tuple(notices)
+
+
+def _stands(solid: Solid, shadow: Area) -> bool:
+    """Whether more of a body's surface is upright than level: floors are exported as walls too."""
+    return (solid.top - solid.bottom) * shadow.length > 2 * shadow.area
 
 
 def _no_spaces(rooms: list[RoomVolume], solids: list[Solid]) -> str:
@@ -83,26 +89,23 @@ def _levels(
         for group in groups:
             bottom = float(np.median([r.bottom for r in group]))
             top = max(r.top for r in group)
-            unknown = _enclosed(bottom, rooms, solids, shadows) if group is main else shapely.Polygon()
-            levels.append(Level(floor, bottom, top, tuple(group), unknown))
+            outside = _open(bottom, rooms, solids, shadows) if group is main else shapely.Polygon()
+            levels.append(Level(floor, bottom, top, tuple(group), outside))
     for floor in Counter(s.product.storey for s in solids):
         z = elevation.get(floor) if floor is not None else None
         if z is not None and floor not in of_floor:
             top = max(s.top for s in solids)
-            levels.append(Level(floor, z, top, (), _enclosed(z, rooms, solids, shadows)))
+            levels.append(Level(floor, z, top, (), _open(z, rooms, solids, shadows)))
     return levels
 
 
-def _enclosed(z: float, rooms: list[RoomVolume], solids: list[Solid], shadows: dict[str, Area]) -> Area:
-    """Where walls enclose an area that no space of the model covers, at the level of `z`."""
+def _open(z: float, rooms: list[RoomVolume], solids: list[Solid], shadows: dict[str, Area]) -> Area:
+    """The open area at the level of `z`; doors and windows are closed, so that walls have no sides in them."""
     standing = [shadows[s.product.global_id] for s in solids if s.bottom < z + HEAD / 2 < s.top]
-    walls = united(standing).buffer(SLIT)
-    covered = united(r.area for r in rooms if r.bottom < z + HEAD / 2 < r.top)
-    rest = opened(difference(united(enclosed(walls)), covered), WAY)
-    return shapely.MultiPolygon([p for p in shapely.get_parts(rest) if p.area > MIN_UNKNOWN])
+    return open_area(united(standing).buffer(SLIT), (r.area for r in rooms if r.bottom < z + HEAD / 2 < r.top))
 
 
-def _levels_without_rooms(floors: tuple[Floor, ...], solids: list[Solid]) -> list[Level]:
+def _levels_without_rooms(floors: tuple[Floor, ...], solids: list[Solid], columns: list[Solid]) -> list[Level]:
     """One level for each storey with walls; a wall stands where it begins and in storeys it spans."""
     walls_of = Counter(s.product.storey for s in solids)
     storeys = [f for f in floors if walls_of[f.id] and f.elevation is not None]
@@ -114,13 +117,12 @@ def _levels_without_rooms(floors: tuple[Floor, ...], solids: list[Solid]) -> lis
         if all(abs(z - other) >= STOREY_APART for other, _ in chosen):
             chosen.append((z, floor))
     chosen.sort(key=lambda c: c[0])
-    everywhere = united(s.shadow() for s in solids).envelope.buffer(1.0)
     highest = max(s.top for s in solids)
     levels = []
     for k, (z, floor) in enumerate(chosen):
         top = chosen[k + 1][0] if k + 1 < len(chosen) else max(highest, z)
-        own = {s.product.global_id for s in solids if _home(s, chosen) == k or _spans(s, z)}
-        levels.append(Level(floor, z, top, (), everywhere, frozenset(own)))
+        own = {s.product.global_id for s in [*solids, *columns] if _home(s, chosen) == k or _spans(s, z)}
+        levels.append(Level(floor, z, top, own=frozenset(own)))
     return levels
 
 
@@ -134,10 +136,10 @@ def _spans(solid: Solid, z: float) -> bool:
 
 
 def _numbered(surfaces: list[WallSurface]) -> tuple[WallSurface, ...]:
-    """Ids from the walls' GlobalIds, the same each time the same file is read."""
+    """Ids from the walls' GlobalIds, the same each time the same file is read; those that face a room come first."""
     count: Counter[str] = Counter()
     result = []
-    for surface in surfaces:
+    for surface in sorted(surfaces, key=lambda s: s.room is None):
         count[surface.source] += 1
         result.append(replace(surface, id=f"{surface.source}/{count[surface.source]}"))
     return tuple(result)

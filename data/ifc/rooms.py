@@ -36,16 +36,16 @@ class RoomVolume:
 
 @dataclass(frozen=True)
 class Level:
-    """Rooms whose floors lie at one height, and the areas without known rooms whose walls are to be kept.
+    """Rooms whose floors lie at one height, and the `open` area outside all rooms, whose walls face no room.
 
-    `own` names the walls that may face such an area (None: all may).
+    `own` names the walls that may face it (None: all may).
     """
 
     floor: str | None
     bottom: float
     top: float
     rooms: tuple[RoomVolume, ...] = ()
-    unknown: Area = field(default_factory=shapely.Polygon)
+    open: Area = field(default_factory=shapely.Polygon)
     own: frozenset[str] | None = None
 
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 import shapely
@@ -24,6 +25,7 @@ class Solid:
     pieces: tuple[tuple[NDArray[np.float64], NDArray[np.int32]], ...]
     bottom: float
     top: float
+    is_building: ClassVar[bool] = False  # all walls and columns in one body
 
     def section(self, z: float) -> Area:
         """What a horizontal plane at `z` cuts out of the body."""

@@ -1,15 +1,17 @@
-"""Wall surfaces: the sides that walls turn to rooms, from cuts through the walls at three heights.
+"""Wall surfaces: the sides of walls and columns that one can stand before, from cuts through them at three heights.
 
 A cut shows what a LiDAR at that height would see: a parapet under a window stands in the low cut, a lintel
-over a door in none. A side belongs to the room that one meets first when going out along its normal.
+over a door in none. A side belongs to the room that one meets first when going out along its normal, and to none
+where that is an open area: outdoors, a yard, a hall without a room.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 import shapely
 
-from data.geometry.areas import Area, overlap
+from data.geometry.areas import Area, difference, opened, overlap
+from data.geometry.areas import united as united_areas
 from data.geometry.intervals import SLIVER, Intervals, common, united, without
 from data.ifc.edges import Edge, edges_of, straightened
 from data.ifc.faces import Piece, merged
@@ -22,6 +24,18 @@ STEPS = (0.01, 0.03, 0.06, 0.1, 0.14, 0.18, 0.22, 0.26, 0.3)  # m before a wall:
 DEPTH = 0.35  # m before a wall that is still in the room; an outline drawn around a thin wall ends earlier
 TOUCH = 0.001  # m
 SNAP = 0.1  # m: a room drawn short of a wall reaches to it
+PASSAGE = 0.3  # m: half the width of the narrowest place where one could be
+MIN_OPEN = 2.0  # m2: a smaller open area is a shaft
+AROUND = 2.0  # m around the building: the width of what is open there
+
+
+def open_area(walls: Area, rooms: Iterable[Area]) -> Area:
+    """Where one could be outside all rooms, around the building as well; `walls` may have their openings closed."""
+    taken = united_areas([walls, *rooms])
+    if taken.is_empty:
+        return taken
+    free = opened(difference(taken.envelope.buffer(AROUND, join_style="mitre"), taken), PASSAGE)
+    return shapely.MultiPolygon([p for p in shapely.get_parts(free) if p.area > MIN_OPEN])
 
 
 def surfaces_at(level: Level, solids: list[Solid]) -> list[WallSurface]:
@@ -36,11 +50,11 @@ def surfaces_at(level: Level, solids: list[Solid]) -> list[WallSurface]:
 
 
 def _pieces(level: Level, z: float, cut: list[tuple[Solid, Area]]) -> list[Piece]:
-    """The parts of the walls' sides that face a room or a kept unknown area at height `z`."""
+    """The parts of the walls' sides that face a room or the open area at height `z`."""
     rooms = [r for r in level.rooms if r.bottom < z < r.top]
     ids: list[str | None] = [*(r.room.id for r in rooms), None]
-    sides = [(solid, edge) for solid, area in cut for edge in edges_of(area)]
-    areas = [*(r.area for r in rooms), level.unknown]
+    sides = [(solid, edge) for solid, area in cut for edge in edges_of(area, solid.is_building)]
+    areas = [*(r.area for r in rooms), level.open]
     faced = _faced([edge for _, edge in sides], [area for _, area in cut], areas)
     pieces = []
     for (solid, edge), claims in zip(sides, faced, strict=True):
@@ -54,7 +68,7 @@ def _pieces(level: Level, z: float, cut: list[tuple[Solid, Area]]) -> list[Piece
 def _faced(edges: list[Edge], walls: list[Area], areas: list[Area]) -> list[dict[int, Intervals]]:
     """For each edge, which parts of it face which area: what meets a wall first, outward, faces none.
 
-    The last area is the unknown one: only what meets nothing else faces it.
+    The last area is the open one: only what meets nothing else faces it.
     """
     if not edges:
         return []
@@ -78,7 +92,7 @@ def _faced(edges: list[Edge], walls: list[Area], areas: list[Area]) -> list[dict
         in_depth = ((area, _mostly(spans, deep.get((k, area), []))) for area, spans in claims[k].items())
         claims[k] = {area: spans for area, spans in in_depth if spans}
         for area, spans in claims[k].items():
-            taken = [s for other, theirs in claims[k].items() if other != area for s in theirs]
+            taken = [s for other, own in claims[k].items() if other != area for s in own]
             claims[k][area] = _snapped(edges[k], spans, without(free[k], taken), wall_tree)
     return claims
 

@@ -8,20 +8,18 @@ import shapely
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
-from data.geometry.areas import Area, closed, enclosed, opened, polygons_of, united
-from data.ifc.edges import ends_of, straightened
-from data.ifc.enclosed_rooms import GAP, HALF_WIDTH, MIN_AREA, open_rest
+from data.geometry.areas import Area, closed, polygons_of, united
+from data.ifc.edges import straightened
+from data.ifc.enclosed_rooms import GAP, closed_faces, gaps, halls
 from data.ifc.products import IfcProduct
 from data.ifc.rooms import Level, RoomVolume, finished
 from data.ifc.sections import Solid
-from data.ifc.surfaces import surfaces_at
-from data.plans.polygons import Drawing, DrawnRoom, scene_graph_of
+from data.ifc.surfaces import open_area, surfaces_at
+from data.plans.polygons import Drawing, DrawnRoom, scene_graph_of, with_pillars
 from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface
 
 Array = NDArray[np.float64]
-JAMB = 0.7  # m: no wall's end is wider
 DOORWAY = 1.6  # m: a wider gap between walls joins what lies on its sides
-PASSABLE = 0.5  # m: a narrower gap between walls is no door
 REACH = 0.1  # m: a doorway's rooms begin this close to it
 HEIGHT = 2.6  # m: of a storey of unknown height; used internally only
 PARTING = 0.01  # m: rooms that share an edge in a plan without walls have one this thin between them
@@ -45,8 +43,8 @@ class FlatStorey:
 def graph_of_storeys(storeys: Sequence[FlatStorey], where: str) -> tuple[SceneGraph, tuple[str, ...]]:
     """Returns the A-graph (frame "bim") and notices.
 
-    A storey without rooms gets the closed faces between its walls; gaps between wall ends of up to 1.6 m are taken for
-    doors. Raises UserError if there are no walls.
+    A storey without rooms gets the closed faces between its walls; gaps between wall ends of up to 1.6 m, of halls up
+    to 6 m, are taken for doors. Raises UserError if there are no walls.
     """
     graphs, notices = [], []
     for number, storey in enumerate(storeys, 1):
@@ -68,45 +66,45 @@ def _with_rooms(storey: FlatStorey, floor: Floor) -> SceneGraph:
     walls = storey.walls
     if walls.is_empty:  # rooms that touch have a wall between them that is not drawn
         walls = united(area.boundary.buffer(PARTING) for _, _, area in storey.rooms)
-    height = None if storey.height is None else (floor.elevation or 0.0, (floor.elevation or 0.0) + storey.height)
-    rooms = [
+    bottom = floor.elevation or 0.0
+    height = None if storey.height is None else (bottom, bottom + storey.height)
+    rooms = with_pillars([
         DrawnRoom(f"{key}/{id}" + (f".{n}" if n else ""), part, name, key, height)
         for id, name, area in storey.rooms for n, part in enumerate(shapely.get_parts(polygons_of(area)))
-    ]  # fmt: skip
+    ], storey.walls)  # fmt: skip
     doors = [(f"{key}/door-{k}", area, key) for k, area in enumerate(storey.doors, 1)]
     graph = scene_graph_of(Drawing(rooms, doors, walls, (floor,)))
     passages = tuple(replace(d, id=f"{key}/{d.id}") if d.id.startswith("passage") else d for d in graph.doors)
-    return replace(graph, doors=passages)
+    level = Level(key, bottom, bottom + (storey.height or HEIGHT))
+    outside = roomless_surfaces(storey.walls, [*(r.area for r in rooms), *storey.doors], level)
+    surfaces = (_named(s, f"{key}/surface-{k}", storey) for k, s in enumerate(outside, 1))
+    return replace(graph, doors=passages, wall_surfaces=(*graph.wall_surfaces, *surfaces))
+
+
+def roomless_surfaces(walls: Area, others: Iterable[Area], level: Level) -> list[WallSurface]:
+    """The sides of drawn `walls`, with empty ids, that face no room; `others` are the rooms and doors of the level."""
+    if walls.is_empty:
+        return []
+    walls = straightened(polygons_of(walls))
+    return surfaces_at(replace(level, open=open_area(walls, others)), [_prism(walls, level.bottom, level.top)])
 
 
 @dataclass(frozen=True, eq=False)
 class _Prism(Solid):
-    """Walls with the same section at every height."""
+    """Walls with the same section at every height, and no faces: these reach from floor to ceiling."""
 
     area: Area
+    is_building = True
 
     def section(self, z: float) -> Area:
         """The walls."""
         return self.area if self.bottom < z < self.top else shapely.Polygon()
 
-    def shadow(self) -> Area:
-        """The walls."""
-        return self.area
-
 
 def _prism(area: Area, bottom: float, top: float) -> _Prism:
-    triangles, none = _upright(area, bottom, top), np.zeros((0, 3), np.int32)
+    none = np.zeros((0, 3), np.int32)
     product = IfcProduct("walls", "IfcWall", "", None, np.zeros((0, 3)), none)
-    return _Prism(product, ((triangles, none),), bottom, top, area)
-
-
-def _upright(area: Area, bottom: float, top: float) -> Array:
-    """(M, 3, 3) the sides."""
-    rings = [np.asarray(r.coords) for p in shapely.get_parts(area) for r in (p.exterior, *p.interiors)]
-    a, b = np.concatenate([r[:-1] for r in rings]), np.concatenate([r[1:] for r in rings])
-    low, high = np.full((len(a), 1), bottom), np.full((len(a), 1), top)
-    corners = [np.hstack([a, low]), np.hstack([b, low]), np.hstack([b, high]), np.hstack([a, high])]
-    return np.concatenate([np.stack([corners[i] for i in order], axis=1) for order in ((0, 1, 2), (0, 2, 3))])
+    return _Prism(product, ((np.zeros((0, 3, 3)), none),), bottom, top, area)
 
 
 def _between_walls(storey: FlatStorey, floor: Floor) -> SceneGraph:
@@ -115,18 +113,20 @@ def _between_walls(storey: FlatStorey, floor: Floor) -> SceneGraph:
     walls = straightened(polygons_of(storey.walls))
     bottom = floor.elevation or 0.0
     top = bottom + (storey.height or HEIGHT)
-    doorways = list(_doorways(walls))
+    doorways = list(gaps(walls, DOORWAY))
     shut = closed(united([walls, *doorways, *storey.doors]), GAP)
-    faces = [f for f in enclosed(shut) if f.area >= MIN_AREA and opened(f, HALF_WIDTH).area >= MIN_AREA]
-    faces.sort(key=lambda f: (round(f.centroid.x, 2), round(f.centroid.y, 2)))
+    faces = closed_faces(shut)
+    gained, gates = halls(shut, faces)
+    faces += gained
     volumes = tuple(
         finished(RoomVolume(Room(f"{floor.id}/room-{k}", (0.0, 0.0), floor.id, f"Room {k}"), face, bottom, top))
         for k, face in enumerate(faces, 1)
     )
-    level = Level(floor.id, bottom, top, volumes, open_rest(shut, faces))
-    found = surfaces_at(level, [_prism(walls, bottom, top)])
+    level = Level(floor.id, bottom, top, volumes, open_area(united([shut, *gates]), faces))
+    found = sorted(surfaces_at(level, [_prism(walls, bottom, top)]), key=lambda s: s.room is None)
     surfaces = tuple(_named(s, f"{floor.id}/surface-{k}", storey) for k, s in enumerate(found, 1))
-    doors = tuple(_doors(floor.id, [*storey.doors, *shapely.get_parts(united(doorways))], volumes))
+    openings = [*storey.doors, *shapely.get_parts(united(doorways)), *shapely.get_parts(united(gates))]
+    doors = tuple(doors_of(floor.id, openings, volumes))
     return SceneGraph("bim", tuple(v.room for v in volumes), surfaces, doors, (floor,))
 
 
@@ -135,23 +135,7 @@ def _named(surface: WallSurface, id: str, storey: FlatStorey) -> WallSurface:
     return replace(surface, id=id, source="", height=surface.height if known else None)
 
 
-def _doorways(walls: Area) -> Iterable[Area]:
-    """The gaps before walls' ends that another wall closes within a doorway's width."""
-    edges = ends_of(walls, JAMB)
-    if not edges:
-        return
-    middles = np.array([e.point(e.length / 2) for e in edges])
-    normals = np.array([e.normal for e in edges])
-    sights = shapely.linestrings(np.stack([middles + 0.01 * normals, middles + DOORWAY * normals], axis=1))
-    met = shapely.intersection(sights, walls)
-    gaps = shapely.distance(shapely.points(middles), met)
-    for edge, gap in zip(edges, gaps.tolist(), strict=True):
-        if PASSABLE <= gap <= DOORWAY:
-            a, b = edge.start, edge.point(edge.length)
-            yield shapely.Polygon([a, b, b + (gap + 0.01) * edge.normal, a + (gap + 0.01) * edge.normal])
-
-
-def _doors(key: str, openings: Iterable[Area], rooms: Sequence[RoomVolume]) -> Iterable[Door]:
+def doors_of(key: str, openings: Iterable[Area], rooms: Sequence[RoomVolume]) -> Iterable[Door]:
     """The openings with a room on one side or two."""
     for number, opening in enumerate(openings, 1):
         beside = [r.room.id for r in rooms if r.area.distance(opening) < REACH]

@@ -16,24 +16,20 @@ from numpy.typing import NDArray
 from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 from data.geometry.areas import Area, closed, difference, opened, united
+from data.ifc.enclosed_rooms import GAP, MIN_AREA, PASSABLE, STOREY
 from data.ifc.rooms import Level, RoomVolume, finished
-from data.ifc.surfaces import CUTS, surfaces_at
+from data.ifc.surfaces import CUTS, PASSAGE, open_area, surfaces_at
+from data.plans.flat_plan import DOORWAY, doors_of
 from data.plans.mesh_files import read_triangles
 from data.plans.mesh_sections import MeshSolid, mesh_solid
 from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface
 
 Array = NDArray[np.float64]
 LINTELS = (1.95, 2.05, 2.15, 2.3, 2.45, 2.6)  # m above the floor, where doorways have an upper end
-DOORWAY = 1.6  # m: a wider opening under a lintel joins what lies on its sides
-PASSABLE = 0.5  # m: a narrower one is no door
-GAP = 0.3  # m: walls this close to each other meet
 SAME_FLOOR = 0.1  # m
 LOWEST_CEILING = 1.9  # m
-STOREY = 2.2  # m: no storey is lower
 PART_OF_MOST = 0.3  # of the largest floor's area that another floor has at least
-MIN_AREA, HALF_WIDTH = 1.5, 0.3  # m2, m: what is smaller, or nowhere twice as wide, is no room
 SLIVER = 0.01  # m: sections of one wall at two heights differ by less
-REACH = 0.1  # m: a doorway's rooms begin this close to it
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +57,8 @@ def read_mesh(path: Path | str, *more: Path | str) -> MeshBuilding:
         level, openings = _level(solid, z, floor, len(levels))
         if level.rooms:
             levels.append(level)
-            doors += [replace(d, id=f"door-{len(doors) + k}") for k, d in enumerate(_doors(level, openings), 1)]
+            found = enumerate(doors_of("", openings, level.rooms), len(doors) + 1)
+            doors += [replace(d, id=f"door-{k}") for k, d in found]
     tops = [*(level.bottom for level in levels[1:]), solid.top]
     for level, top in zip(levels, tops, strict=False):
         surfaces += surfaces_at(replace(level, top=top), [solid])
@@ -71,7 +68,7 @@ def read_mesh(path: Path | str, *more: Path | str) -> MeshBuilding:
     # what has no source is a wall of its own: all of a mesh is one body
     numbered = tuple(
         replace(s, id=f"surface-{k}", source="", height=_up_to(ceilings.get(s.room or ""), s.height))
-        for k, s in enumerate(surfaces, 1)
+        for k, s in enumerate(sorted(surfaces, key=lambda s: s.room is None), 1)
     )
     floors = tuple(Floor(str(v.floor), f"level {v.bottom:.2f}", v.bottom) for v in levels)
     rooms = tuple(room.room for level in levels for room in level.rooms)
@@ -127,31 +124,22 @@ def _level(solid: MeshSolid, z: float, floor: Area, number: int) -> tuple[Level,
     doorways = [p for p in shapely.get_parts(overhead) if p.area > 0 and _longer_side(p) <= DOORWAY]
     shut = closed(united([walls, *doorways]), GAP)
     inside = united(shapely.Polygon(p.exterior) for p in shapely.get_parts(united([floor, walls])))
-    parts = [p for p in shapely.get_parts(opened(difference(inside, shut), HALF_WIDTH)) if p.area >= MIN_AREA]
+    parts = [p for p in shapely.get_parts(opened(difference(inside, shut), PASSAGE)) if p.area >= MIN_AREA]
     parts.sort(key=lambda p: (round(p.centroid.x, 2), round(p.centroid.y, 2)))
     if walls.is_empty:
         parts = []
     key = f"storey-{number + 1}"
-    volumes = (
-        RoomVolume(Room(f"{key}/room-{k}", (0.0, 0.0), key, f"Room {k}"), part, z, z + STOREY)
+    volumes = tuple(
+        finished(RoomVolume(Room(f"{key}/room-{k}", (0.0, 0.0), key, f"Room {k}"), part, z, z + STOREY))
         for k, part in enumerate(parts, 1)
     )
-    return Level(key, z, solid.top, tuple(finished(v) for v in volumes)), doorways
+    passable = [d for d in doorways if _longer_side(d) >= PASSABLE]
+    return Level(key, z, solid.top, volumes, open_area(shut, parts)), passable
 
 
 def _longer_side(area: Area) -> float:
     corners = np.asarray(shapely.oriented_envelope(area).exterior.coords)
     return float(np.linalg.norm(np.diff(corners, axis=0), axis=1).max())
-
-
-def _doors(level: Level, doorways: list[Area]) -> list[Door]:
-    """The doorways with a room on one side or two."""
-    doors = []
-    for opening in doorways:
-        beside = [r.room.id for r in level.rooms if r.area.distance(opening) < REACH]
-        if 1 <= len(beside) <= 2 and _longer_side(opening) >= PASSABLE:
-            doors.append(Door("", tuple(beside), (float(opening.centroid.x), float(opening.centroid.y))))
-    return doors
 
 
 def main() -> int:

@@ -27,6 +27,8 @@ def mesh_solid(triangles: Array, name: str) -> "MeshSolid":
 class MeshSolid(Solid):
     """A body whose sections are valid although its surface is not closed."""
 
+    is_building = True
+
     @lru_cache(maxsize=64)  # noqa: B019 - a body is made once for a building
     def section(self, z: float) -> Area:
         """What of the plane at `z` lies inside: faces between the cut's segments with a winding number above one half.

@@ -82,6 +82,15 @@ def scene_graph_of(drawing: Drawing, merge_collinear: bool = True) -> SceneGraph
     return SceneGraph("bim", tuple(room_of(r) for r in rooms), tuple(surfaces), known, tuple(drawing.floors))
 
 
+def with_pillars(rooms: Sequence[DrawnRoom], walls: Area) -> list[DrawnRoom]:
+    """The rooms with holes where walls or columns stand free in them."""
+    parts = shapely.get_parts(walls)
+    tree = shapely.STRtree(parts)
+    free = (parts[tree.query(room.area, predicate="contains_properly")] for room in rooms)
+    holes = (shapely.MultiPolygon(list(f)) for f in free)
+    return [replace(r, area=difference(r.area, h)) if not h.is_empty else r for r, h in zip(rooms, holes, strict=True)]
+
+
 def room_of(room: DrawnRoom) -> Room:
     """The graph's room: its outer ring and that ring's centroid."""
     outer = np.asarray(room.area.exterior.coords)[:-1]

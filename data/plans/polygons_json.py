@@ -5,6 +5,7 @@
 """
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,8 @@ import shapely.geometry
 
 from data.common.errors import UserError
 from data.geometry.areas import Area, polygons_of, united
-from data.plans.polygons import Drawing, DrawnRoom, Plan, scene_graph_of
+from data.plans.polygons import Drawing, DrawnRoom, Plan, scene_graph_of, with_pillars
+from data.scene_graph import WallSurface
 
 MIN_AREA = 1.0  # m2: below it, a shaft
 DOOR_WIDTH = (0.5, 2.5)  # m: a plan whose doors are mostly wider or narrower is not in metres
@@ -44,6 +46,8 @@ def read_json_plan(text: str | bytes, where: str, merge_collinear: bool = True) 
         drawing = _drawing(value, everything=not merge_collinear)
         name = str(value.get("name") or where)
         graph = scene_graph_of(drawing, merge_collinear)
+        if merge_collinear and graph.wall_surfaces:
+            graph = replace(graph, wall_surfaces=(*graph.wall_surfaces, *_roomless(drawing)))
     except UserError as error:
         raise UserError(f"{where}: {error}") from None
     except Exception as error:  # shapely raises many kinds where coordinates are none
@@ -52,6 +56,15 @@ def read_json_plan(text: str | bytes, where: str, merge_collinear: bool = True) 
     if not graph.wall_surfaces:
         raise UserError(f"{where}: no room with walls; skip it, or draw its rooms as polygons")
     return Plan(name, str(value.get("building") or name), graph)
+
+
+def _roomless(drawing: Drawing) -> list[WallSurface]:
+    from data.ifc.rooms import Level  # loads ifcopenshell
+    from data.plans.flat_plan import HEIGHT, roomless_surfaces
+
+    others = [*(r.area for r in drawing.rooms), *(area for _, area, _ in drawing.doors)]
+    outside = roomless_surfaces(drawing.walls, others, Level(None, 0.0, HEIGHT))
+    return [replace(s, id=f"surface{k}", source="", height=None) for k, s in enumerate(outside)]
 
 
 def _drawing(value: Any, everything: bool) -> Drawing:
@@ -68,6 +81,7 @@ def _drawing(value: Any, everything: bool) -> Drawing:
             if is_room(kind, outside=everything) and (everything or part.area >= MIN_AREA):
                 rooms.append(DrawnRoom(f"room{k}" + (f".{n}" if len(parts) > 1 else ""), part, kind))
     walls = united(_area(e) for kind in WALLS for e in elements.get(kind, ()))
+    rooms = rooms if everything else with_pillars(rooms, walls)
     return Drawing(rooms, [(f"door{k}", door, None) for k, door in enumerate(doors)], walls)
 
 

@@ -1,6 +1,6 @@
 """Checks of a plan: what is missing or implausible for localisation, storey by storey."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import Any
@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import shapely
 
-from data import Door, Room, SceneGraph
+from data import Door, Room, SceneGraph, WallSurface
 from data.geometry.areas import overlap, polygons_of
-from data.synthetic_maps.exploration import Storey, components, storeys_of
+from data.plans.wall_lines import THICKEST
+from data.synthetic_maps.exploration import SQUARE, Storey, components, storeys_of
 
 OVERLAP_M2, OVERLAP_SHARE = 0.5, 0.05  # of a room's area: more than duplicate walls cause
 STOREY_M = (1.8, 12.0)  # plausible height from floor to floor
@@ -48,16 +49,15 @@ def _storey_issues(a: SceneGraph, floor: str | None, storey: Storey | None) -> I
     rooms = list(storey.rooms) if storey else [r for r in a.rooms if r.floor == floor]
     ids = {r.id for r in rooms}
     walls = [w for w in a.wall_surfaces if w.room in ids or (w.room is None and w.floor == floor)]
-    roomless = [w.id for w in walls if w.room is None]
     if not walls and not rooms:
         yield PlanIssue("empty storey", floor, "no walls and no rooms: localisation is impossible there")
         return
     if not rooms:
         message = f"{_count(len(walls), 'wall surface')} but no rooms: only walls can be matched"
         yield PlanIssue("no rooms", floor, message)
-    elif roomless:
-        message = f"{_count(len(roomless), 'wall surface')} in no room"
-        yield PlanIssue("walls without a room", floor, message, tuple(roomless))
+    elif roomless := walls_without_room(walls):
+        message = f"walls and columns that bound no room: {count_walls(roomless):,}"
+        yield PlanIssue("walls without a room", floor, message, tuple(w.id for w in roomless))
     if bare := [r for r in rooms if not a.surfaces_of_room[r.id]]:
         message = f"{_named(bare)}: no walls, so {_they(bare)} cannot be recognised"
         yield PlanIssue("rooms without walls", floor, message, _ids(bare))
@@ -71,6 +71,25 @@ def _storey_issues(a: SceneGraph, floor: str | None, storey: Storey | None) -> I
     if storey is not None:
         yield from _connectivity(a, storey)
         yield from _overlaps(storey)
+
+
+def walls_without_room(surfaces: Sequence[WallSurface]) -> list[WallSurface]:
+    """The surfaces of those walls and columns of a storey that bound no room: no side of theirs faces one."""
+    facing = [w for w in surfaces if w.room is not None]
+    sources = {w.source for w in facing if w.source}
+    tree = shapely.STRtree([shapely.LineString(w.ends()) for w in facing])
+
+    def has_room_behind(w: WallSurface) -> bool:
+        near = tree.query(shapely.LineString(w.ends()), predicate="dwithin", distance=THICKEST).tolist()
+        backs = (facing[k] for k in near if np.dot(facing[k].normal, w.normal) < -np.cos(SQUARE))
+        return any(np.dot(np.subtract(back.centroid, w.centroid), w.normal) < 0 for back in backs)
+
+    return [w for w in surfaces if w.room is None and w.source not in sources and not has_room_behind(w)]
+
+
+def count_walls(surfaces: Sequence[WallSurface]) -> int:
+    """How many walls and columns these surfaces are of; each is one of its own where the plan has no names for them."""
+    return len({w.source or w.id for w in surfaces})
 
 
 def _connectivity(a: SceneGraph, storey: Storey) -> Iterator[PlanIssue]:

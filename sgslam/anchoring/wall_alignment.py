@@ -14,6 +14,7 @@ from sgslam.mapping import Scene, WallMap
 
 Floats = NDArray[np.float64]
 Surfaces = list[tuple[WallSurface, WallSurface]]  # seen, planned
+_PARALLEL, _THICKEST = 0.999, 0.7  # cosine, and m between the sides of one straight wall
 _GROSS = 0.7, np.radians(10)  # m and rad; matched pairs that are further off are ignored
 
 
@@ -124,8 +125,20 @@ def _arrays_now(seen: list[WallSurface], rooms: dict[str, int], scene: Scene, wa
 def _pairs(
     s: WallArrays, a: WallArrays, i: NDArray[np.int64], j: NDArray[np.int64], planned: list[WallSurface]
 ) -> Pairs:
-    """Pairs of mapped walls i and planned ones j; those of one wall of the building (`source`) are one unit."""
-    names = [p.source or p.id for p in planned]
-    number = {name: k for k, name in enumerate(dict.fromkeys(names))}
-    unit = np.array([number[name] for name in names], dtype=np.int64)
+    """Pairs of mapped walls i and planned ones j; those of one straight wall of the building are one unit."""
+    first: list[WallSurface] = []  # of each unit
+    unit = np.empty(len(planned), dtype=np.int64)
+    for k, p in enumerate(planned):
+        unit[k] = next((n for n, other in enumerate(first) if _of_one_wall(p, other)), len(first))
+        if unit[k] == len(first):
+            first.append(p)
     return Pairs(s.centre[i], s.normal[i], a.centre[j], a.normal[j], 2 * s.half[i], unit)
+
+
+def _of_one_wall(one: WallSurface, other: WallSurface) -> bool:
+    """Whether two planned surfaces are of one straight wall; a wall of the plan's source may go round corners."""
+    if one.id == other.id or not one.source or one.source != other.source:
+        return one.id == other.id
+    (nx, ny), (mx, my) = one.normal, other.normal
+    across = (one.centroid[0] - other.centroid[0]) * mx + (one.centroid[1] - other.centroid[1]) * my
+    return abs(nx * mx + ny * my) > _PARALLEL and abs(across) < _THICKEST

@@ -11,6 +11,7 @@ from data import SceneGraph
 from data.synthetic_maps.exploration import storeys_of
 from matching import Matcher
 from matching.ambiguity import MatchCache, PlanIssue, RoomsToLocalise, SelfSimilarity, SimilarPlace, plan_issues
+from matching.ambiguity.plan_checks import count_walls, walls_without_room
 from matching.ambiguity.rooms_to_localise import rooms_to_localise
 
 BLOCK = 12  # start rooms of a storey that share results on perfect maps, with any number of processes
@@ -56,9 +57,12 @@ class Inspection:
         }
 
     def counts(self, floor: str | None) -> dict[str, int]:
-        """The number of rooms, wall surfaces and doors on a storey."""
+        """The number of rooms, wall surfaces, doors, and of walls that bound no room on a storey."""
         part = self.graph.on_floor(floor)
-        return {"rooms": len(part.rooms), "wall_surfaces": len(part.wall_surfaces), "doors": len(part.doors)}
+        return {
+            "rooms": len(part.rooms), "wall_surfaces": len(part.wall_surfaces), "doors": len(part.doors),
+            "walls_without_room": count_walls(walls_without_room(part.wall_surfaces)),
+        }  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,7 @@ def _tiles(inspection: Inspection) -> dict[str, int | str]:
     counts = [n.rooms for n in found if n.rooms is not None]
     return {
         "storeys": len(graph.floors), "rooms": len(graph.rooms), "wall surfaces": len(graph.wall_surfaces),
+        "walls that bound no room": sum(inspection.counts(f.id)["walls_without_room"] for f in graph.floors),
         "doors": len(graph.doors), "rooms to localise, median": median_high(counts) if counts else NOTHING,
         "rooms to localise, maximum": max(counts, default=NOTHING),
         "start rooms that stay ambiguous": sum(n.outcome == "never" for n in found),

@@ -207,7 +207,8 @@ def test_a_walled_up_door_is_an_extra_wall() -> None:
     """The plan has an opening of 1.6 m, with no door in it, in a wall that was seen to go on through."""
     drive = small_drive()
     graph = drive.bim.graph
-    longest = max(graph.wall_surfaces, key=lambda w: sum(high - low for _, low, high, _ in w.parts))
+    indoors = [w for w in graph.wall_surfaces if w.room is not None]
+    longest = max(indoors, key=lambda w: sum(high - low for _, low, high, _ in w.parts))
     source, low, high, _ = max(longest.parts, key=lambda part: part[2] - part[1])
     middle = (low + high) / 2
     opened = replace(longest, parts=((source, low, middle - 0.8, True), (source, middle + 0.8, high, True)))

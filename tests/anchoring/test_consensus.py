@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 from boxes import Array
 
+from data import WallSurface
 from sgslam.anchoring.se2_consensus import Pairs, determined, find_consensus
+from sgslam.anchoring.wall_alignment import _pairs
+from sgslam.anchoring.wall_association import WallArrays
 
 TURNED = 0.07
 
@@ -118,6 +121,13 @@ def test_walls_of_one_direction_leave_the_place_open() -> None:
 def test_walls_fix_a_place_that_are_not_nearly_parallel(degrees: float, is_determined: bool) -> None:
     angle = np.radians(degrees)
     assert determined(np.array([[1.0, 0.0], [np.cos(angle), np.sin(angle)]])) == is_determined
+
+
+def test_the_legs_of_a_wall_that_goes_round_corners_are_units_of_their_own() -> None:
+    sides = [((0.0, 2.0), (1.0, 0.0)), ((2.0, 0.0), (0.0, 1.0)), ((4.0, 2.0), (-1.0, 0.0)), ((4.2, 2.0), (1.0, 0.0))]
+    planned = [WallSurface(str(k), None, c, n, 4.0, source="wall") for k, (c, n) in enumerate(sides)]
+    arrays, every = WallArrays.of(planned, {}, np.zeros(2)), np.arange(4)
+    assert _pairs(arrays, arrays, every, every, planned).unit.tolist() == [0, 1, 2, 2]
 
 
 @pytest.mark.parametrize(("units", "is_found"), [(2, False), (3, True)])

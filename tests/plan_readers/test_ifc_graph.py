@@ -60,10 +60,18 @@ def house(path: Path, unit: str, T: NDArray[np.float64]) -> SceneGraph:
     return read_ifc(model.save(path))[0]
 
 
+def indoors(graph: SceneGraph) -> list[WallSurface]:
+    """The surfaces that face the building's inside; all of them in a building without rooms."""
+    hull = shapely.MultiPoint([end for w in graph.wall_surfaces for end in w.ends()]).convex_hull
+    before = [shapely.Point(np.add(w.centroid, np.multiply(0.4, w.normal))) for w in graph.wall_surfaces]
+    faced = zip(graph.wall_surfaces, before, strict=True)
+    return [w for w, point in faced if w.room is not None or hull.contains(point) or not graph.rooms]
+
+
 def sides(graph: SceneGraph, T: NDArray[np.float64]) -> list[Side]:
-    """The graph's surfaces in the building's axes."""
+    """The graph's surfaces indoors in the building's axes."""
     found = []
-    for w in graph.wall_surfaces:
+    for w in indoors(graph):
         assert w.plane is not None and w.length is not None
         normal, mid = T[:2, :2].T @ w.normal, T[:2, :2].T @ (np.array(w.centroid) - T[:2, 3])
         assert w.plane[:3] == (*w.normal, 0.0)
@@ -96,11 +104,13 @@ def test_known_house(tmp_path: Path, unit: str, T: NDArray[np.float64]) -> None:
     graph = house(tmp_path / "house.ifc", unit, T)
     expected = [(f"{s}-{r[0]}", *r[1:]) for s in ("ground", "first") for r in TWO_ROOMS]
     assert matches(sides(graph, T), expected)
+    outdoors = [w for w in graph.wall_surfaces if w.room is None]
+    assert len(outdoors) == 8 and {w.floor for w in outdoors} == {f.id for f in graph.floors}
 
     z = T[2, 3]
     assert [(f.name, pytest.approx(f.elevation)) for f in graph.floors] == [("ground", z), ("first", z + 3)]
     floor = {f.id: f for f in graph.floors}
-    for w in graph.wall_surfaces:  # the wall through both storeys too ends at each room's floor and ceiling
+    for w in indoors(graph):  # the wall through both storeys too ends at each room's floor and ceiling
         assert w.height == pytest.approx((floor[w.floor].elevation, floor[w.floor].elevation + 2.5))
         assert floor[w.floor].name == graph.room_by_id[w.room].name.split("-")[0]
     centroids = {r.name: T[:2, :2].T @ (np.array(r.centroid) - T[:2, 3]) for r in graph.rooms}
@@ -177,7 +187,7 @@ def test_wall_behind_another_wall_is_not_seen(tmp_path: Path) -> None:
     graph = read_ifc(model.save(tmp_path / "m.ifc"))[0]
     expected = [("room", 1, 0, 0, 3.83), ("room", -1, 0, -6, 3.83), ("room", 0, 1, 0.17, 6.0), ONE_ROOM[3]]
     assert matches(sides(graph, np.eye(4)), expected)
-    assert [w.source for w in graph.wall_surfaces if w.normal[1] > 0.9] == [lining.GlobalId]
+    assert [w.source for w in indoors(graph) if w.normal[1] > 0.9] == [lining.GlobalId]
 
 
 def test_curved_wall_becomes_chords(tmp_path: Path) -> None:
@@ -189,8 +199,9 @@ def test_curved_wall_becomes_chords(tmp_path: Path) -> None:
     model.prism("IfcWall", half(radius) + half(radius + 0.3)[::-1], (0.0, 3.0), storey)
     model.prism("IfcWall", box(-3.3, -0.3, 3.3, 0), (0.0, 3.0), storey)
     model.prism("IfcSpace", half(radius), (0.0, 2.5), storey, "round")
-    curved = [w for w in read_ifc(model.save(tmp_path / "m.ifc"))[0].wall_surfaces if (w.length or 0) < 5]
-    assert 15 < len(curved) < 32 and all(w.room for w in curved)
+    graph = read_ifc(model.save(tmp_path / "m.ifc"))[0]
+    curved = [w for w in graph.wall_surfaces if w.room is not None and (w.length or 0) < 5]
+    assert 15 < len(curved) < 32
     assert sum(w.length or 0 for w in curved) == pytest.approx(np.pi * radius, rel=0.01)
     for w in curved:
         assert np.hypot(*w.centroid) == pytest.approx(radius, abs=0.02)
@@ -208,8 +219,8 @@ def test_curtain_wall_of_panes_and_mullions_is_one_surface(tmp_path: Path, outli
     curtain = model.assembly("IfcCurtainWall", panes + mullions, storey)
     model.prism("IfcSpace", box(0, 0, 6, outline), (0.0, 2.5), storey, "room")
     graph = read_ifc(model.save(tmp_path / "m.ifc"))[0]
-    (pane,) = [w for w in graph.wall_surfaces if w.source == curtain.GlobalId]
-    assert len(graph.wall_surfaces) == 4
+    (pane,) = [w for w in indoors(graph) if w.source == curtain.GlobalId]
+    assert len(indoors(graph)) == 4 and len(graph.wall_surfaces) == 8
     assert pane.normal == pytest.approx((0.0, -1.0)) and pane.length == pytest.approx(6.0, abs=0.06)
     assert 4.0 <= pane.centroid[1] <= 4.04
 
@@ -217,11 +228,11 @@ def test_curtain_wall_of_panes_and_mullions_is_one_surface(tmp_path: Path, outli
 def test_building_without_spaces_and_closed_faces_gives_every_free_side(tmp_path: Path) -> None:
     model = IfcModel()
     storey = model.storey("ground", 0.0)
-    model.prism("IfcWall", box(0, 0, 8, 0.3), (0.0, 2.7), storey)
+    model.prism("IfcWall", box(0, -0.1, 8, 0.3), (0.0, 2.7), storey)
     model.prism("IfcWall", box(0, 0.3, 0.3, 6), (0.0, 2.7), storey)
     graph, (notice,) = read_ifc(model.save(tmp_path / "m.ifc"))
-    long = [("", 0, -1, 0, 8.0), ("", 0, 1, 0.3, 7.7), ("", -1, 0, 0, 6.0), ("", 1, 0, 0.3, 5.7)]
-    assert matches(sides(graph, np.eye(4)), [*long, ("", 1, 0, 8.0, 0.3), ("", 0, 1, 6.0, 0.3)])
+    long = [("", 0, -1, 0.1, 8.0), ("", 0, 1, 0.3, 7.7), ("", -1, 0, 0, 6.1), ("", 1, 0, 0.3, 5.7)]
+    assert matches(sides(graph, np.eye(4)), [*long, ("", 1, 0, 8.0, 0.4)])  # the other is too short
     assert "no IfcSpace" in notice and "2 walls enclose none" in notice
     assert {w.floor for w in graph.wall_surfaces} == {graph.floors[0].id}
 

@@ -152,6 +152,18 @@ def test_a_broken_model_is_read_or_refused(kind: str, tmp_path: Path) -> None:
     assert write_as_built(ifc, [finding], [], tmp_path / "as_built.ifc") == 1
 
 
+def test_walls_that_bound_no_room_are_counted() -> None:
+    sound = corridor_house()
+    (wall,) = (w for w in sound.surfaces_of_room["room0"] if w.normal[0] > 0.9)
+    (x, y), (nx, ny) = wall.centroid, wall.normal
+    back = dataclasses.replace(wall, id="back", room=None, centroid=(x - 0.3 * nx, y - 0.3 * ny), normal=(-nx, -ny))
+    assert kinds(dataclasses.replace(sound, wall_surfaces=(*sound.wall_surfaces, back))) == set()
+    both = [dataclasses.replace(w, id=f"{w.id} {k}", centroid=(90.0, 0.1 * k), source="fence")
+            for k, w in enumerate((dataclasses.replace(wall, room=None), back))]  # fmt: skip
+    (issue,) = plan_issues(dataclasses.replace(sound, wall_surfaces=(*sound.wall_surfaces, *both)))
+    assert issue.message.endswith(": 1") and issue.ids == tuple(w.id for w in both)
+
+
 def test_unconnected_groups_of_rooms_are_counted() -> None:
     boxes = [box(0, 0, 4, 3), box(4.1, 0, 3, 3), box(7.2, 0, 5, 3), box(12.3, 0, 2, 3)]
     graph = with_doors(a_graph(boxes), ("room0", "room1", 4.05, 1.5), ("room2", "room3", 12.25, 1.5))
