@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from data.common.build import content_hash
-from data.common.cli import Parser, run_command
-from data.common.cluster import add_options
+from data.common.cli import Parser, add_workers, run_command
 from data.common.errors import UserError
 from data.common.processes import cores
 from evaluation.harness.study import STUDIES, Options, Study, load_study
@@ -48,7 +47,7 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--dataset", metavar="DIR", help=about)
     run.add_argument("--rows", type=Path, metavar="DIR", help="folder of the rows (default: the project's own)")
     run.add_argument("--work", type=Path, default=WORK, metavar="DIR", help="folder for drives (default: %(default)s)")
-    add_options(run, "--jobs", "number of processes (default: one per core)")
+    add_workers(run, "--jobs", "number of processes (default: one per core)")
     run.set_defaults(jobs=cores())
     about = "Write all pages of results from the rows."
     render = commands.add_parser("render", help="write all pages of results from the rows", description=about)

@@ -6,8 +6,7 @@ from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from data.common.cli import Parser, run_command
-from data.common.cluster import add_options
+from data.common.cli import Parser, add_workers, run_command
 from data.common.errors import UserError
 from matching.torch_extra import need_torch
 
@@ -110,7 +109,7 @@ def _parser() -> Parser:
     parser.add_argument("--minutes", type=float, default=float("inf"), metavar="M", help="maximum time in minutes")
     parser.add_argument("--every", type=int, default=250, metavar="N", help="steps between evaluations (default: 250)")
     parser.add_argument("--seed", type=int, default=0, help="random seed of weights and data (default: 0)")
-    add_options(parser, "--workers", "number of processes that draw data (default: 1)")
+    add_workers(parser, "--workers", "number of processes that draw data (default: 1)")
     parser.add_argument("--device", default="auto", help="cpu, cuda, or auto (default): a GPU if there is one")
     return parser
 

@@ -47,6 +47,14 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"error: {message}; see '{self.prog} --help'\n")
 
 
+def add_workers(parser: argparse.ArgumentParser, local: str, help_local: str) -> None:
+    """Adds `--scheduler` and the option `local` for a number of local processes; they exclude each other."""
+    either = parser.add_mutually_exclusive_group()
+    either.add_argument(local, type=int, default=1, metavar="N", help=help_local)
+    about = "Dask scheduler whose workers do the work, with the same sgslam and files: see docs/cluster.md"
+    either.add_argument("--scheduler", metavar="tcp://HOST:PORT", help=about)
+
+
 def run_command(command: Callable[[], int | None]) -> NoReturn:
     """Runs a command and exits with its return value; a UserError gives one line and exit code 2."""
     try:

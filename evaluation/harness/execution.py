@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from data.common.children import end_with_parent, may_have_children
+from data.common.cluster import completed
 from data.common.errors import UserError
 from evaluation.harness.study import Case, Study, load_study
 
@@ -65,21 +66,21 @@ def _pool(study: Study, jobs: int) -> Iterator[ProcessPoolExecutor]:
 
 
 def _on_cluster(study: Study, cases: Sequence[Case], scheduler: str) -> Iterator[tuple[Case, Answer]]:
-    from data.common.cluster import connected
-
-    files = {str(Path(file).resolve()) for case in cases for file in case.files()}
     function = partial(execute_on_worker, study.name, os.getcwd())
     by_key = {case.key: case for case in cases}
-    with connected(scheduler) as cluster:
-        for key, answer in cluster.over(by_key, function, str, sorted(files)):
-            yield by_key[key], answer
+    for key, answer in completed(function, by_key, scheduler=scheduler):
+        if isinstance(answer, UserError):
+            raise answer
+        if isinstance(answer, BaseException):
+            raise UserError(f"{key}: {answer}; rows are kept") from answer
+        yield by_key[key], answer
 
 
 def execute_on_worker(name: str, folder: str, case: str) -> Answer:
     """`execute` in a child process of a cluster's worker, in the working directory `folder` of the caller."""
-    from data.common.cluster_worker import scratch
+    from distributed import get_worker
 
-    future = _worker_pool(name, folder).submit(execute, name, case, str(scratch()))
+    future = _worker_pool(name, folder).submit(execute, name, case, get_worker().local_directory)
     try:
         return future.result()
     except BrokenProcessPool:

@@ -37,10 +37,9 @@ def batches(
     Raises RuntimeError if a worker fails, and UserError as `data.common.cluster` does.
     """
     if scheduler is not None:
-        from data.common.cluster import connected
+        from data.common.cluster import in_order
 
-        with connected(scheduler) as cluster:
-            yield cluster.in_order(count(first), partial(drawing.batch, seed), lambda step: f"batch {step}")
+        yield in_order(partial(drawing.batch, seed), count(first), scheduler)
         return
     if workers == 0:
         yield (drawing.batch(seed, step) for step in count(first))

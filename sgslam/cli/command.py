@@ -23,6 +23,7 @@ class Command:
 
 COMMANDS = {
     "run": Command("sgslam.run", "estimate a trajectory in building coordinates from scans and a plan"),
+    "batch": Command("sgslam.cli.batch", "run many jobs, here or on a cluster, and summarise them on one page"),
     "live": Command("sgslam.live.__main__", "track scans as they arrive, and print pose and health of each"),
     "anchor": Command("sgslam.other_slam.anchor", "anchor another SLAM system's finished output to a plan"),
     "view": Command("sgslam.cli.view", "show finished runs in the browser"),

@@ -158,5 +158,4 @@ def _parsed(words: list[str]) -> None:
     with pytest.MonkeyPatch.context() as patch, pytest.raises(_ParsedError):
         patch.setattr(Parser, "parse_args", parse)
         patch.setattr(Parser, "parse_known_args", parse_known)
-        patch.setattr("data.common.cluster.reached", str)  # the page's machines do not exist
         _called(words)
