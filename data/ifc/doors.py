@@ -45,9 +45,11 @@ def body_of(filling: ifcopenshell.entity_instance) -> tuple[NDArray[np.float64] 
     """Vertices (N, 3) of the opening that a door or window fills, or of itself, and the GlobalId of the wall."""
     host, opening = None, None
     for fills in filling.FillsVoids:
-        opening = triangulated(fills.RelatingOpeningElement)
-        voids = fills.RelatingOpeningElement.VoidsElements
-        host = voids[0].RelatingBuildingElement.GlobalId if voids else None
+        if (filled := fills.RelatingOpeningElement) is None:  # the model refers to what it lacks
+            continue
+        opening = triangulated(filled)
+        wall = filled.VoidsElements[0].RelatingBuildingElement if filled.VoidsElements else None
+        host = None if wall is None else wall.GlobalId
     mesh = opening or triangulated(filling)
     return (mesh[0] if mesh else None), host
 
