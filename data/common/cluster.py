@@ -61,9 +61,9 @@ def completed(
             for done in concurrent.futures.as_completed(local):
                 yield local[done], done.exception() or done.result()
         return
-    from distributed import as_completed
-
     with connected(scheduler) as client:
+        from distributed import as_completed
+
         futures = {client.submit(function, task, pure=False, retries=RETRIES): task for task in tasks}
         for future in as_completed(futures):
             yield futures.pop(future), future.exception() or future.result()

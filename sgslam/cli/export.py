@@ -141,9 +141,7 @@ def _ifc(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
 
     assert bim is not None
     a_graph, T_bim_map = run.anchored()
-    findings = element_findings(run.elements) or wall_findings(
-        run.deviations, a_graph, run.config.as_built.tolerance
-    )
+    findings = element_findings(run.elements) or wall_findings(run.deviations, a_graph, run.config.as_built.tolerance)
     walls = unplanned_walls(run.deviations, run.s_graph, T_bim_map, run.matches, a_graph)
     unplanned = unplanned_findings(walls, a_graph)
     target = run.path / IFC

@@ -14,7 +14,7 @@ from boxes import pose, room, scan, scene_of
 from commands import called, refused
 
 from data.common.errors import UserError
-from sgslam.cli.batch import RECORD, read_jobs
+from sgslam.cli.batch_jobs import RECORD, read_jobs
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -26,7 +26,7 @@ ROOT = Path(__file__).resolve().parents[2]
         ("scans,plan\n", "has no jobs"),
         ("scans,building\na,b\n", "unknown column 'building'"),
         ("scans,plan\n,b.ifc\n", "line 2: scans are missing"),
-        ("scans,plan\na,b,c\n", "line 2: more values than columns"),
+        ("\ufeffscans,plan\na,b,c\n", "line 2: more values than columns; put flags that have commas in quotes"),
         ("scans,flags\na,--start '1\n", "line 2: flags: no closing quotation"),
         ("scans\ndrive/scans\nother/scans\n", "line 3: .*scans is the folder of an earlier job too"),
     ],
@@ -60,7 +60,7 @@ def _written(folder: Path, jobs: int) -> Path:
         np.save(folder / "scans" / f"{k}.npy", scan(scene, pose(2.0 + 0.1 * k, 3.0), seed=k))
     lines = [f"scans,,run{k},--single-pass" for k in range(jobs - 1)]
     path = folder / "jobs.csv"
-    path.write_text("\n".join(["scans,plan,out,flags", *lines, "nowhere,,bad,--single-pass"]) + "\n")
+    path.write_text("\n".join(["\ufeffscans,plan,out,flags", *lines, "nowhere,,bad,--single-pass"]) + "\n")
     return path
 
 
