@@ -43,8 +43,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser = Parser(
         prog="python -m sgslam.cli.batch",
         description=(
-            "Run many jobs, and summarise them in JOBS_results.html and .csv beside the list. Jobs that are done are skipped, "
-            "interrupted ones are resumed. Exit code 1 if a job failed."
+            "Run many jobs, and summarise them in JOBS_results.html and .csv beside the list. Jobs that are done are "
+            "skipped, interrupted ones are resumed. Exit code 1 if a job failed."
         ),
     )
     about = "CSV with the columns scans, plan, out, flags (further options of 'sgslam run'); only scans is required, "
