@@ -129,13 +129,13 @@ def run_job(job: Job) -> None:
 
 def _run(folder: Path, arguments: tuple[str, ...], out: Path) -> int:
     """`sgslam run`, with what it prints in `run.out`."""
-    from sgslam.run import main
+    from sgslam.cli.command import call
 
     os.chdir(folder)
     with (out / "run.out").open("a") as printed:
         os.dup2(printed.fileno(), sys.stdout.fileno())
         os.dup2(printed.fileno(), sys.stderr.fileno())
     try:
-        return main(list(arguments))
+        return call(["run", *arguments]) or 0
     except SystemExit:  # of the parser, whose line is in the file
         raise UserError((out / "run.out").read_text().splitlines()[-1]) from None
