@@ -36,6 +36,8 @@ def main(arguments: list[str] | None = None) -> int:
     write_atomically(out / PAGE, inspection_html(found, options.bim.name))
     for line in [*found.notices, *(issue.message for issue in found.issues)]:
         print(f"issue: {line}")
+    outside = sum(found.counts(floor.id)["walls_without_room"] for floor in found.graph.floors)
+    print(f"walls and columns that bound no room: {outside:,}")
     needed = [r.to_localise for r in found.rooms.values()]
     never, lost = (sum(n.outcome == outcome for n in needed) for outcome in ("never", "not found"))
     known = sorted(n.rooms for n in needed if n.rooms is not None)
