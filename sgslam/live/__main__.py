@@ -1,5 +1,6 @@
 """`python -m sgslam.live SOURCE --bim FILE`: scans as they come, a line of JSON for each. `sgslam live` is the same."""
 
+import gc
 import sys
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,7 @@ def main(arguments: list[str] | None = None) -> int:
     logging.getLogger("sgslam").setLevel(logging.INFO)
     with interruptible() as interruption:
         live = LiveSlam.of(inputs, options.most_waiting)
+        gc.freeze()  # what is loaded stays: the garbage collector need not scan it
         poses = None if options.source == "-" else PoseLines(sys.stdin)
         loop = LiveLoop(live, stream, sys.stdout, poses, options.idle, lambda: bool(interruption))
         print(f"ready; results will be in {inputs.out}", file=sys.stderr)

@@ -1,7 +1,6 @@
 """Live use from Python: `LiveSlam`."""
 
 import atexit
-import gc
 import logging
 from pathlib import Path
 from time import perf_counter
@@ -67,7 +66,6 @@ class LiveSlam:
         except BaseException:
             self._map.kill()
             raise
-        gc.freeze()  # what is loaded stays: the garbage collector need not scan it
         self._is_open = True
         atexit.register(self._map.end)  # without a call of finish the results are written all the same
         self._lines = LogLines(self._map)
