@@ -31,6 +31,7 @@ def test_with_a_worker_killed_every_task_has_one_result(scheduler: str) -> None:
     assert sorted(answers) == [(n, 2 * n) for n in range(60)] == sorted(completed(slowly_doubled, range(60), 2))
 
 
+@pytest.mark.long
 def test_a_task_that_ends_its_worker_each_time_fails_alone(scheduler: str) -> None:
     # tasks that waited at the same workers may be blamed as well
     answers = dict(completed(deadly, range(6), scheduler=scheduler))

@@ -94,6 +94,7 @@ def test_all_methods_are_compared() -> None:
     assert set(command.METHODS) == set(METHODS)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_public_plans_have_as_many_rooms_surfaces_and_doors_as_noted() -> None:
     """Counts do not depend on the processor, as coordinates may."""
