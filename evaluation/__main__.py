@@ -15,7 +15,7 @@ from data.common.build import content_hash
 from data.common.cli import Parser, add_workers, run_command
 from data.common.errors import UserError
 from data.common.processes import cores
-from evaluation.harness.study import STUDIES, Options, Study, load_study
+from evaluation.study import STUDIES, Options, Study, load_study
 
 WORK = Path("out/evaluation")
 
@@ -26,9 +26,9 @@ def main(arguments: list[str] | None = None) -> int:
     if options.command == "list":
         return _list()
     if options.command == "render":
-        from evaluation.harness.rendering import render, render_folder
+        from evaluation.render import render, render_folder
 
-        changed = render(options.mixed) if options.rows is None else render_folder(options.rows, options.mixed)
+        changed = render() if options.rows is None else render_folder(options.rows)
         print("\n".join(f"{path}: written" for path in changed) or "all pages are up to date")
         return 0
     return _run(options)
@@ -41,7 +41,7 @@ def _parser() -> argparse.ArgumentParser:
     about = "Run studies and store their results as rows; rows of this build are not computed again."
     run = commands.add_parser("run", help="run studies and store their results as rows", description=about)
     run.add_argument("studies", nargs="+", metavar="NAME", help="studies, or 'all' that need no data of yours")
-    run.add_argument("--quick", action="store_true", help="run the short version, and compare it with its stored rows")
+    run.add_argument("--quick", action="store_true", help="run the short version")
     run.add_argument("--set", nargs="+", default=[], metavar="NAME=VALUE", help="options of the study; see 'list'")
     about = "folder of a data set for the study 'real', short for --set dataset=DIR"
     run.add_argument("--dataset", metavar="DIR", help=about)
@@ -51,7 +51,6 @@ def _parser() -> argparse.ArgumentParser:
     run.set_defaults(jobs=cores())
     about = "Write all pages of results from the rows."
     render = commands.add_parser("render", help="write all pages of results from the rows", description=about)
-    render.add_argument("--mixed", action="store_true", help="allow rows of several builds in one table, and say so")
     about = "write tables of the rows in this folder into it, as Markdown and LaTeX, instead of the project's pages"
     render.add_argument("--rows", type=Path, metavar="DIR", help=about)
     return parser
@@ -73,7 +72,8 @@ def _plain(value: Any) -> str:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from evaluation.harness.running import QUICK, ROWS, Place, run_study
+    from evaluation.render import QUICK, ROWS
+    from evaluation.running import Place, run_study
 
     if options.jobs < 1:
         raise UserError(f"--jobs {options.jobs}: must be at least 1")
@@ -84,12 +84,12 @@ def _run(options: argparse.Namespace) -> int:
     folder = options.rows or ROWS
     work = options.work / content_hash(("data",))  # drives of another simulator are not used
     place = Place(folder / QUICK if options.quick else folder, work, options.jobs, options.scheduler)
-    found = [
-        run_study(study, own, not options.set, place, _command(study.name, options))
-        for study, own in zip(studies, chosen, strict=True)
-    ]
-    print("\n".join(line for comparison in found for line in comparison.lines()))
-    return 1 if any(comparison.failed for comparison in found) else 0
+    failed = []
+    for study, own in zip(studies, chosen, strict=True):
+        rows = run_study(study, own, place, _command(study.name, options), whole=not options.set)
+        failed += [f"{study.name}: failed: {row.key}: {row.record['reason']}" for row in rows if row.failed]
+    print("\n".join(failed))
+    return 1 if failed else 0
 
 
 def _studies(names: list[str]) -> list[Study]:

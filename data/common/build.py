@@ -22,7 +22,7 @@ def build() -> str:
     return f"{version} ({content_hash(PACKAGES)})"
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=8)
 def content_hash(packages: tuple[str, ...] = PRODUCT) -> str:
     """The hash of all files of the packages, 8 hexadecimal digits; by default of those whose results are measured."""
     here, digest = Path(__file__).resolve().parents[2], blake2b(digest_size=4)
