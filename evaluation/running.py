@@ -38,15 +38,19 @@ def run_study(study: Study, options: Options, place: Place, command: str, whole:
     """
     path, part = rows_path(place.rows, study.name), rows_path(place.rows, f"{study.name}.part")
     wanted = _present(study, study.cases(options))
-    before, build = {row.key: row for row in read_rows(path)}, content_hash(study.depends)
-    found = {row.key: row for row in (*before.values(), *read_rows(part)) if row.made.build == build and not row.failed}
+    before, by_key = {row.key: row for row in read_rows(path)}, {case.key: case for case in wanted}
+    found = {
+        row.key: row
+        for row in (*before.values(), *read_rows(part))
+        if row.key in by_key and row.made.build == content_hash(by_key[row.key].depends) and not row.failed
+    }
     groups: dict[str, list[str]] = {}
     for case in wanted:
         if case.key not in found:
             groups.setdefault(case.group, []).append(case.key)
     todo = sum(map(len, groups.values()))
     print(f"{study.name}: {len(wanted)} cases, {todo} to compute", flush=True)
-    made, began, by_key, done = Provenance.of(command, study.depends), monotonic(), {c.key: c for c in wanted}, 0
+    began, done = monotonic(), 0
     place.work.mkdir(parents=True, exist_ok=True)
     measure = partial(measure_group, study.name, str(place.work.resolve()), os.getcwd())
     jobs = 1 if study.timed else place.jobs
@@ -55,6 +59,7 @@ def run_study(study: Study, options: Options, place: Place, command: str, whole:
             if isinstance(answer, BaseException):  # the process ended, or the worker was lost
                 answer = [_failure(answer)] * len(keys)
             for key, record in zip(keys, answer, strict=True):
+                made = Provenance.of(command, by_key[key].depends)
                 found[key] = Row(by_key[key].model_dump(mode="json"), record, made)
                 append(found[key])
             done += len(keys)
