@@ -84,7 +84,10 @@ class CarriedDrive:
 
 @contextmanager
 def carried(
-    case: CarriedCase, work: Path, shaken_from: float | None = None, changes: Changes | None = None,
+    case: CarriedCase,
+    work: Path,
+    shaken_from: float | None = None,
+    changes: Changes | None = None,
     imu: str | None = None,
 ) -> Iterator[CarriedDrive]:
     """Simulates the drive in a folder within `work` that is deleted at the end: all drives of a study take hundreds of

@@ -1,1 +1,1 @@
-"""The single measurements, one question and one command each."""
+"""The ten studies, one question each."""

@@ -204,6 +204,8 @@ class AnchorSettings(Settings):
     """anchor matched walls"""
     rooms: bool = True
     """anchor matched rooms"""
+    points: bool = True
+    """adjust the finished map to the plan by all points that its keyframes saw on walls"""
     sigma_offset: float = Field(0.012, gt=0)
     """m, standard deviation of a wall's offset as built; DIN 18202 allows at most 12 to 24 mm over 3 to 15 m"""
     sigma_normal: float = Field(0.004, gt=0)

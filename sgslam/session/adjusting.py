@@ -18,7 +18,7 @@ def adjust(final: ActiveMap, config: Config) -> None:
     """Moves the keyframes of a map that is anchored to a building; does nothing to another."""
     backend, anchoring = final.backend, final.anchoring
     T_bim_map = final.T_bim_map
-    if T_bim_map is None or anchoring is None or backend.T_map_bim is None:
+    if not config.anchors.points or T_bim_map is None or anchoring is None or backend.T_map_bim is None:
         return
     with final.stopwatch("adjustment"):
         errors = _pose_errors(final, T_bim_map @ backend.poses, config.odometry.smoothed, config.anchors)

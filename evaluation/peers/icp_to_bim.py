@@ -15,7 +15,6 @@ from data.plans.mesh_files import is_mesh
 from data.scans import Scan
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
-from evaluation.drives import Sequence
 from sgslam.cloud_to_model import load_open3d
 
 Array = NDArray[np.float64]
@@ -40,7 +39,7 @@ def register_to_bim(
     z = surfaces_in_bim[:, :, 2] - T_bim_first[2, 3]
     near = surfaces_in_bim[(z.max(axis=1) > -BELOW_M) & (z.min(axis=1) < ABOVE_M)]
     if not len(near):
-        raise UserError("variant icp-to-bim: the BIM has no surface around the start; use another sequence")
+        raise UserError("ICP to the BIM: it has no surface around the start; use another building")
     origin = T_bim_first[:3, 3].copy()  # a site may lie kilometres from zero
     align = aligner(_sampled(near) - origin)
     T = T_bim_first.copy()
@@ -95,18 +94,16 @@ def multi_scale_icp(target: Array) -> Align:
     return align
 
 
-ALIGNERS = {"icp-to-bim": gicp, "multi-scale-icp-to-bim": multi_scale_icp}  # by variant
+ALIGNERS = {"ICP to the BIM": gicp, "multi-scale ICP to the BIM": multi_scale_icp}  # by variant
 
 
-def surfaces_of(sequence: Sequence) -> Array:
-    """(M, 3, 3) triangles of the surfaces of a sequence's building. Raises UserError if there are none."""
-    if is_mesh(sequence.bim):
+def surfaces_of(bim: Path, a_graph: SceneGraph) -> Array:
+    """(M, 3, 3) triangles of the surfaces of a building's file. Raises UserError if there are none."""
+    if is_mesh(bim):
         from data.plans.mesh_plan import read_mesh
 
-        return np.asarray(read_mesh(sequence.bim).triangles)
-    if sequence.bim.suffix.lower() == ".json":
-        return surfaces_of_graph(sequence.a_graph)
-    return surfaces_of_ifc(sequence.bim)
+        return np.asarray(read_mesh(bim).triangles)
+    return surfaces_of_graph(a_graph) if bim.suffix.lower() == ".json" else surfaces_of_ifc(bim)
 
 
 def surfaces_of_ifc(path: Path) -> Array:

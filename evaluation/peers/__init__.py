@@ -1,0 +1,1 @@
+"""Published systems by others, each with its best settings for indoors."""

@@ -1,1 +1,0 @@
-"""Ablation of the SLAM system: variants with parts of it left out."""

@@ -1,1 +1,0 @@
-"""Recordings of real buildings: which data set a folder holds, whether it is whole, and how well runs do on it."""
