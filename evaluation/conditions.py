@@ -257,8 +257,8 @@ def doubled(plan: SceneGraph) -> SceneGraph:
         plane = wall.plane and (*wall.plane[:3], wall.plane[3] - wall.plane[0] * aside)
         room, source = wall.room and name(wall.room), wall.source and name(wall.source)
         parts = tuple((name(body), a, b, full) for body, a, b, full in wall.parts)
-        fields = {"id": name(wall.id), "room": room, "source": source, "parts": parts}
-        return replace(wall, centroid=moved(wall.centroid), plane=plane, **fields)
+        centroid = moved(wall.centroid)
+        return replace(wall, id=name(wall.id), room=room, centroid=centroid, plane=plane, source=source, parts=parts)
 
     doors = tuple(
         replace(door, id=name(door.id), rooms=tuple(map(name, door.rooms)), centroid=moved(door.centroid))

@@ -1,33 +1,111 @@
-"""Drives: simulated once for all cases that share one, and deleted after the last of them."""
+"""A case (which building, who carries which sensor, what goes wrong, what is run), and its drive.
 
-import fcntl
+Drives are simulated once for all cases that share one, and deleted after the last of them.
+"""
+
 import pickle
 import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from hashlib import blake2b
-from itertools import islice
+from itertools import islice, product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from pydantic import Field, PositiveFloat
 
+from data.common.build import PRODUCT
 from data.common.errors import UserError
 from data.common.files import write_atomically
 from data.imu import ImuSamples, read_imu
-from data.plans import load_bim
-from data.plans.mesh_files import is_mesh
 from data.scans import Scan, ScanFolder
-from data.scene_graph import SceneGraph
 from data.simulation import Change
 from data.simulation.run import IMU
 from data.trajectory import Trajectory
-from evaluation.cases import GENERATED, PLAN, DriveCase, building_named
+from evaluation.buildings import building_file, building_named, locked
 from evaluation.conditions import BEGINS, BUILDING
+from evaluation.study import Case, Options, key_of
 
+RECORDING = "../shared/data/motion/handheld_survey.tum"
+"""The motion of a hand-held scanner in a real building."""
 ONE_MORE_S = 0.2  # the truth reaches beyond the end of the last scan
 ON_EACH_STOREY = {"min_rooms": 4, "min_length": 30.0}  # rooms and metres of a whole tour
+Degrees = tuple[float, float, float]
+
+
+class DriveCase(Case):
+    """A run on a drive through a building.
+
+    The drive has the first `seconds` of a tour, or with None the whole tour of `storeys`. `carrier` is one of the
+    simulator's or a recorded motion FILE.tum, which may be played at another `pace` or `backwards`. `mount_deg` are
+    roll, pitch and yaw of the sensor on its carrier. The sensor moves within each scan; without `times`, it is unknown
+    when the points were measured. `imu` is a class of IMUs in the sensor. The building differs from its plan by
+    `changes`; `trouble` is what is wrong with sensor, recording or plan, with its severity (`evaluation.conditions`).
+    `variant` is what is run (`evaluation.variants`).
+    """
+
+    building: str
+    seed: int = 0
+    carrier: str = "wheeled"
+    pace: PositiveFloat = 1.0
+    backwards: bool = False
+    mount_deg: Degrees = (0.0, 0.0, 0.0)
+    sensor: str = "VLP-16"
+    times: bool = True
+    imu: str | None = None
+    effects: tuple[str, ...] = ()
+    changes: str = ""
+    seconds: float | None = Field(60.0, ge=5.0)
+    storeys: tuple[str, ...] = ()
+    trouble: str = ""
+    variant: str = "anchored"
+
+    @property
+    def group(self) -> str:
+        """The fields of the simulated drive: cases of one drive share its scans."""
+        shaken = {"trouble": "shaken"} if self.trouble == "shaken" else {}
+        return key_of(self.model_dump(mode="json", exclude={"times", "trouble", "variant"}) | shaken)
+
+    @property
+    def depends(self) -> tuple[str, ...]:
+        """What is not ours changes with the simulator alone."""
+        from evaluation.variants import PEERS
+
+        return ("data",) if self.variant in PEERS else PRODUCT
+
+    def files(self) -> set[str]:
+        """The building's file, a recorded motion, and the weights that a variant names."""
+        weights = self.variant.partition("@")[2]
+        named = {self.carrier} if self.carrier.endswith(".tum") else set()
+        return building_named(self.building).files() | named | ({weights} if "/" in weights else set())
+
+
+class DriveOptions(Options):
+    """Which `buildings` are driven through with which `seeds`, for how many `seconds`."""
+
+    buildings: tuple[str, ...]
+    seeds: tuple[int, ...] = (0,)
+    seconds: PositiveFloat = 60.0
+
+    def drives(self) -> Iterator[dict[str, Any]]:
+        """The fields of each drive. Raises UserError for an unknown building."""
+        for building, seed in product(self.buildings, self.seeds):
+            yield {"building": building_named(building).name, "seed": seed, "seconds": self.seconds}
+
+    def in_turn(self, cells: Sequence[dict[str, Any]], per_cell: int | None) -> Iterator[dict[str, Any]]:
+        """Each of the `cells` of a design with the next `per_cell` of all drives in random order, again and again; with
+        all of them for None."""
+        drives = list(self.drives())
+        order, each = np.random.default_rng(0).permutation(len(drives)), per_cell or len(drives)
+        for number, cell in enumerate(cells):
+            for k in range(number * each, (number + 1) * each):
+                yield {**drives[order[k % len(drives)]], **cell}
+
+
+def cases_of(designs: Sequence[dict[str, Any]], variants: Sequence[str]) -> list[DriveCase]:
+    """A case for each design and variant."""
+    return [DriveCase(**{**design, "variant": variant}) for design in designs for variant in variants]
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,68 +205,3 @@ def _simulated(case: DriveCase, work: Path, folder: Path) -> Drive:
         run.changes,
         run.stands_off,
     )
-
-
-def building_file(name: str, work: Path) -> tuple[Path, str]:
-    """A building's file and the name of its storey; those that are made are written to `work` once.
-
-    Raises UserError for an unknown one.
-    """
-    building = building_named(name)
-    if building.bim == "demo":
-        from data.generation.demo_building import DEMO_STOREY, write_demo_building
-
-        path = work / "demo.ifc"
-        with locked(path):
-            if not path.exists():
-                write_demo_building(path)
-        return path, building.storey or DEMO_STOREY
-    if not building.bim.startswith((GENERATED, PLAN)):
-        return Path(building.bim), building.storey or ""
-    from data.generation.plan_mesh import write_plan_mesh
-
-    path = work / f"{blake2b(building.bim.encode(), digest_size=6).hexdigest()}.stl"
-    with locked(path):
-        if not path.exists():
-            write_plan_mesh(_plan_named(building.bim), path)
-    return path, ""
-
-
-def _plan_named(bim: str) -> SceneGraph:
-    from data.generation.buildings import KINDS, generate_plan
-    from data.plans import read_plans
-
-    if bim.startswith(GENERATED):
-        kind, _, seed = bim.removeprefix(GENERATED).rpartition("_")
-        if kind not in KINDS or not seed.isdecimal():
-            raise UserError(f"no building '{bim}'; give {GENERATED}KIND_SEED with a kind of {', '.join(KINDS)}")
-        return generate_plan(kind, int(seed)).graph
-    file, _, name = bim.removeprefix(PLAN).partition("#")
-    plans = {plan.name: plan.graph for plan in read_plans(Path(file))}
-    if name not in plans:
-        raise UserError(f"{file}: no plan '{name}'; there are {', '.join(list(plans)[:5])}, ...")
-    return plans[name]
-
-
-def plan_graph(bim: Path) -> SceneGraph:
-    """The A-graph of a building's file or mesh."""
-    if is_mesh(bim):
-        from data.plans.mesh_plan import read_mesh
-
-        return read_mesh(bim).graph
-    return load_bim(bim).graph
-
-
-def storey_of(a_graph: SceneGraph, T_bim_sensor: NDArray[np.float64]) -> str | None:
-    """The id of the storey whose floor is next below a sensor pose (4, 4); None if there is none."""
-    below = [f for f in a_graph.floors if f.elevation is not None and f.elevation <= T_bim_sensor[2, 3]]
-    return max(below, key=lambda f: f.elevation or 0.0).id if below else None
-
-
-@contextmanager
-def locked(path: Path) -> Iterator[None]:
-    """A context that one process at a time may enter for this path, by a file `.NAME.lock` beside it."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.with_name(f".{path.name}.lock").open("w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield

@@ -15,9 +15,9 @@ from data.scene_graph import SceneGraph, Xy
 from data.simulation import Change
 from data.simulation.changes.as_built import fillings
 from data.trajectory import Trajectory
-from evaluation.cases import DriveCase
+from evaluation.buildings import plan_graph, storey_of
 from evaluation.conditions import BUILDING
-from evaluation.drive import Drive, plan_graph, storey_of
+from evaluation.drive import Drive, DriveCase
 from evaluation.metrics.true_walls import TrueWall, true_walls
 from evaluation.study import Record
 from sgslam.as_built.elements import ElementVerdict, Verdict, unplanned_walls
@@ -56,8 +56,8 @@ def verdicts_of(case: DriveCase, drive: Drive, result: Result, ifc: Path) -> Rec
     that were seen; `not_seen`: how many of the others, by how they were built. `unplanned`: walls that stand and are
     not planned, of which `to_find` are seen by three keyframes; `false` entries are on no such wall and on no planned
     one, `on_planned` on planned ones alone; `m2` is the area of the rooms that were entered. `ifc` is the building."""
-    assert result.T_bim_map is not None
     result = without_planned_things(result, drive.plan)
+    assert result.T_bim_map is not None
     plan = plan_graph(drive.plan)
     # seen from where the keyframes with a cloud were in truth
     stamps = [k.stamp_ns for k in result.s_graph.keyframes if len(result.clouds[int(k.id[1:])])]

@@ -63,7 +63,7 @@ class Outcome:
         """Reads what `save` wrote."""
         with np.load(path) as file:
             about = json.loads(str(file["about"]))
-            frames = {name: Trajectory(file[f"{name}_ns"], file[f"{name}_poses"]) for name in FRAMES}
+            frames: dict[str, Any] = {name: Trajectory(file[f"{name}_ns"], file[f"{name}_poses"]) for name in FRAMES}
             about["health"] = tuple(about["health"])
             return Outcome(**about, **frames, stamps_ns=file["stamps_ns"], sigma=file["sigma"])
 

@@ -1,7 +1,7 @@
 """Runs a case: the system, its tracker alone, or a peer, on the scans of a drive."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from hashlib import blake2b
 from pathlib import Path
@@ -9,6 +9,7 @@ from time import process_time
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import shapely
 from numpy.typing import NDArray
 
@@ -18,9 +19,9 @@ from data.plans.bim import IFC_SUFFIXES
 from data.scans import Scan
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
-from evaluation.cases import DriveCase, building_named
+from evaluation.buildings import building_file, building_named, plan_graph, storey_of
 from evaluation.conditions import NO_PLACE, Troubled, doubled
-from evaluation.drive import Drive, building_file, drive_of, plan_graph, storey_of
+from evaluation.drive import Drive, DriveCase, drive_of, release
 from evaluation.elements import verdicts_of
 from evaluation.metrics.maps import room_scores, wall_scores
 from evaluation.metrics.matches import matching_scores
@@ -31,7 +32,8 @@ from evaluation.outcome import NO_POSES, Outcome
 from evaluation.peers.icp_to_bim import ALIGNERS, register_to_bim, surfaces_of
 from evaluation.peers.odometries import kiss_icp_alone
 from evaluation.stand_ins import OracleMatcher, WrongRooms, weakened, within_range
-from evaluation.study import Record
+from evaluation.study import Options, Record, Study
+from evaluation.tables import in_words
 from evaluation.tracker import tracked, with_samples
 from evaluation.variants import ODOMETRIES, PEERS, TRACKERS, Variant, variant_named
 from matching import Matcher, MatchResult
@@ -44,7 +46,6 @@ from sgslam.slam import SceneGraphSlam
 
 Array = NDArray[np.float64]
 OTHERS = {"foreign plan": ("generated/office_2", "generated/apartment_3")}  # the second one for the first itself
-MATCHED = ("rooms", "wall_surfaces")
 TOLERANCE_M = 0.01  # up to which an element counts as planned, where the building differs from its plan
 
 
@@ -169,12 +170,11 @@ def _live(updates: list[Update]) -> Trajectory:
 
 
 def _facts(result: Result) -> Record:
-    match = result.matches or {}
     return {
         "reason": result.reason,
         "first_anchor_s": result.first_anchor_s,
         "alarms": [name for name, signal in result.quality.items() if not signal.ok],
-        "match_status": match.get("status", "none"),
+        "match_status": "none" if result.matches is None else result.matches["status"],
         "floors": len(result.s_graph.floors),
         "rooms": len(result.s_graph.rooms),
         "keyframes": result.keyframes,
@@ -199,8 +199,11 @@ def _map_facts(result: Result, plan: SceneGraph, truth: Trajectory) -> Record:
         found |= {"wall_precision": walls.score.precision, "wall_recall": walls.score.recall, "wall_offset_mm": offset}
         found |= {"room_precision": rooms.score.precision, "room_recall": rooms.score.recall}
     if found and result.matches is not None and result.anchored:
-        pairs = [tuple({s: (s, a, c) for s, a, c in reversed(result.matches[kind])}.values()) for kind in MATCHED]
-        answer = MatchResult("unique", "", *pairs)
+        rooms_found, walls_found = (
+            tuple({s: (s, a, c) for s, a, c in reversed(kind)}.values())  # the first of several answers
+            for kind in (result.matches["rooms"], result.matches["wall_surfaces"])
+        )
+        answer = MatchResult("unique", "", rooms_found, walls_found)
         score = matching_scores(answer, true_matches(result.s_graph, floor, T_bim_map), result.s_graph).wall_surfaces
         found |= {"match_precision": score.precision, "match_recall": score.recall}
     return found
@@ -214,7 +217,12 @@ def _tracker(case: DriveCase, drive: Drive, sent: Troubled) -> Outcome:
     poses, truth = found.poses, sent.truth
     health = np.array([scan.health for scan in found.scans])
     claims = PoseClaims(np.stack([s.covariance for s in found.scans]), health, poses.poses[:, 2, :3])
-    facts = {"kidnaps": found.kidnaps, "cpu_s": cpu_s, "scans_per_s": len(poses) / cpu_s, "length_m": drive.length_m}
+    facts: Record = {
+        "kidnaps": found.kidnaps,
+        "cpu_s": cpu_s,
+        "scans_per_s": len(poses) / cpu_s,
+        "length_m": drive.length_m,
+    }
     facts["reliability"] = reliability(claims, poses, truth).model_dump()
     count = sum(1 for _ in sent.scans())
     return Outcome(count, truth, odometry=poses, stamps_ns=poses.stamps_ns, health=tuple(health), facts=facts)
@@ -258,3 +266,26 @@ def _peak_mb() -> float | None:
         found = re.search(r"^VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text(), re.MULTILINE)
         return int(found.group(1)) / 1024 if found else None
     return None
+
+
+def study_of_runs(
+    name: str,
+    asks: str,
+    quick: Options,
+    cases: Callable[[Any], Sequence[DriveCase]],
+    tables: Callable[[pd.DataFrame], Any],
+    claims: Callable[[pd.DataFrame], Any],
+    **more: Any,
+) -> Study:
+    """A study whose cases are runs on drives."""
+    return Study(
+        name=name,
+        asks=asks,
+        options=type(quick),
+        quick=quick,
+        case=DriveCase,
+        cases=cases,
+        tables=lambda rows: tables(in_words(rows)),
+        claims=lambda rows: claims(in_words(rows)),
+        **{"measure": run, "release": release, **more},
+    )

@@ -66,8 +66,8 @@ def run_study(study: Study, options: Options, place: Place, command: str, whole:
             left = (monotonic() - began) / done * (todo - done) / 60
             print(f"{study.name}: {done}/{todo}; about {left:.0f} min left", flush=True)
     rows = [found[case.key] for case in wanted]
-    keys = {row.key for row in rows}
-    finish(path, [*([] if whole else [row for row in before.values() if row.key not in keys]), *rows])
+    there = {row.key for row in rows}
+    finish(path, [*([] if whole else [row for row in before.values() if row.key not in there]), *rows])
     part.unlink()
     return rows
 

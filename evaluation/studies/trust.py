@@ -6,12 +6,13 @@ from itertools import product
 import pandas as pd
 from pydantic import Field
 
-from evaluation.cases import RECORDING, DriveCase, DriveOptions, building_named
+from evaluation.buildings import building_named
 from evaluation.conditions import NO_PLACE, PLANS, SENSOR, split
 from evaluation.conditions import RECORDING as OF_RECORDING
-from evaluation.studies.columns import ANCHORED, INSIDE, WRONG, study_of_runs, truth
+from evaluation.drive import RECORDING, DriveCase, DriveOptions
+from evaluation.run import study_of_runs
 from evaluation.study import Claim
-from evaluation.tables import Queries, Query, count, rare, units
+from evaluation.tables import ANCHORED, INSIDE, WRONG, Queries, Query, count, rare, truth, units
 
 NONE = ""
 SEVERE = {name: amounts for name, amounts in {**SENSOR, **OF_RECORDING}.items() if amounts}

@@ -1,0 +1,120 @@
+"""The buildings that the studies drive through: listed ones, generated ones, and plans that are built up as meshes."""
+
+import fcntl
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from hashlib import blake2b
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict
+
+from data.common.errors import UserError
+from data.plans import load_bim
+from data.plans.mesh_files import is_mesh
+from data.scene_graph import SceneGraph
+
+GENERATED, PLAN = "generated/", "plan/"
+
+
+class Building(BaseModel):
+    """A building: an IFC file, a mesh, `demo`, `generated/KIND_SEED`, or `plan/FILE#NAME`, a plan that is built up as a
+    mesh; the `storey` that is driven through, None for the lowest. Settings were chosen by those for `development`."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str
+    bim: str
+    storey: str | None = None
+    role: Literal["development", "test"] = "test"
+
+    def files(self) -> set[str]:
+        """The path of its file; none for those that are made."""
+        if self.bim == "demo" or self.bim.startswith(GENERATED):
+            return set()
+        return {self.bim.removeprefix(PLAN).partition("#")[0]}
+
+
+@cache
+def _listed() -> dict[str, Building]:
+    rows = yaml.safe_load(Path(__file__).with_name("buildings.yaml").read_text())
+    return {building.name: building for building in map(Building.model_validate, rows)}
+
+
+def building_named(name: str) -> Building:
+    """A listed building, or one that is made of its name. Raises UserError for an unknown one."""
+    if name.startswith((GENERATED, PLAN)):
+        return Building(name=name, bim=name)
+    if name not in _listed():
+        there = ", ".join(_listed())
+        raise UserError(f"no building '{name}'; there are {there}, {GENERATED}KIND_SEED and {PLAN}FILE#NAME")
+    return _listed()[name]
+
+
+def building_file(name: str, work: Path) -> tuple[Path, str]:
+    """A building's file and the name of its storey; those that are made are written to `work` once.
+
+    Raises UserError for an unknown one.
+    """
+    building = building_named(name)
+    if building.bim == "demo":
+        from data.generation.demo_building import DEMO_STOREY, write_demo_building
+
+        path = work / "demo.ifc"
+        with locked(path):
+            if not path.exists():
+                write_demo_building(path)
+        return path, building.storey or DEMO_STOREY
+    if not building.bim.startswith((GENERATED, PLAN)):
+        return Path(building.bim), building.storey or ""
+    from data.generation.plan_mesh import write_plan_mesh
+
+    path = work / f"{blake2b(building.bim.encode(), digest_size=6).hexdigest()}.stl"
+    with locked(path):
+        if not path.exists():
+            write_plan_mesh(_plan_named(building.bim), path)
+    return path, ""
+
+
+def _plan_named(bim: str) -> SceneGraph:
+    from data.generation.buildings import KINDS, generate_plan
+    from data.plans import read_plans
+
+    if bim.startswith(GENERATED):
+        kind, _, seed = bim.removeprefix(GENERATED).rpartition("_")
+        if kind not in KINDS or not seed.isdecimal():
+            raise UserError(f"no building '{bim}'; give {GENERATED}KIND_SEED with a kind of {', '.join(KINDS)}")
+        return generate_plan(kind, int(seed)).graph
+    file, _, name = bim.removeprefix(PLAN).partition("#")
+    plans = {plan.name: plan.graph for plan in read_plans(Path(file))}
+    if name not in plans:
+        raise UserError(f"{file}: no plan '{name}'; there are {', '.join(list(plans)[:5])}, ...")
+    return plans[name]
+
+
+def plan_graph(bim: Path) -> SceneGraph:
+    """The A-graph of a building's file or mesh."""
+    if is_mesh(bim):
+        from data.plans.mesh_plan import read_mesh
+
+        return read_mesh(bim).graph
+    return load_bim(bim).graph
+
+
+def storey_of(a_graph: SceneGraph, T_bim_sensor: NDArray[np.float64]) -> str | None:
+    """The id of the storey whose floor is next below a sensor pose (4, 4); None if there is none."""
+    below = [f for f in a_graph.floors if f.elevation is not None and f.elevation <= T_bim_sensor[2, 3]]
+    return max(below, key=lambda f: f.elevation or 0.0).id if below else None
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """A context that one process at a time may enter for this path, by a file `.NAME.lock` beside it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.with_name(f".{path.name}.lock").open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
