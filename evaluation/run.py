@@ -200,7 +200,9 @@ def _map_facts(result: Result, plan: SceneGraph, truth: Trajectory) -> Record:
         found |= {"room_precision": rooms.score.precision, "room_recall": rooms.score.recall}
     if found and result.matches is not None and result.anchored:
         rooms_found, walls_found = (
-            tuple({s: (s, a, c) for s, a, c in reversed(kind)}.values())  # the first of several answers
+            tuple(
+                {str(s): (str(s), str(a), float(c)) for s, a, c in reversed(kind)}.values()
+            )  # the first of several answers
             for kind in (result.matches["rooms"], result.matches["wall_surfaces"])
         )
         answer = MatchResult("unique", "", rooms_found, walls_found)

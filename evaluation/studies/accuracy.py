@@ -1,0 +1,197 @@
+"""How far off the truth a run is in building coordinates, with parts of the system left out or replaced, and its peers.
+
+On a robot and in a hand, in buildings as planned and with a third of their walls 10 to 30 cm off. The headline table is
+of buildings by which no setting was chosen.
+"""
+
+from collections.abc import Mapping
+from itertools import product
+
+import pandas as pd
+
+from evaluation.buildings import building_named
+from evaluation.drive import DriveCase, DriveOptions
+from evaluation.metrics.statistics import ratio
+from evaluation.run import study_of_runs
+from evaluation.study import Claim
+from evaluation.tables import (
+    ANCHORED,
+    ERRORS,
+    INSIDE,
+    Column,
+    Queries,
+    Query,
+    count,
+    interval,
+    mean,
+    of,
+    often,
+    over_buildings,
+    spread,
+    truth,
+    units,
+)
+
+LABELS = {
+    "KISS-ICP": "KISS-ICP alone",
+    "small_gicp": "small_gicp alone",
+    "ICP to the BIM": "each scan to the BIM by ICP",
+    "unanchored": "ours without the plan",
+    "published": "ours, the published matcher",
+    "voting": "ours, voting matcher",
+    "anchored": "**ours, learned matcher**",
+    "oracle": "ours, true matches",
+}
+WITHOUT_PLAN = ("KISS-ICP", "small_gicp", "ICP to the BIM", "unanchored")  # these are given the true first pose
+MOVED = "10 to 30 cm"
+HAND = "handheld"
+
+
+class Choice(DriveOptions):
+    """Each of `variants` with each of `carriers`; each of `parts` (variants with a part of the system left out or
+    replaced) with the same drives; each of `moved` in IFC models whose walls are moved."""
+
+    buildings: tuple[str, ...] = (
+        *(
+            f"generated/{kind}_{seed}"
+            for kind in ("office", "corridor", "l_shape", "apartment")
+            for seed in (31, 32, 33)
+        ),
+        *("fzk-haus", "niedriha", "sample-house", "jesse", "house-1", "house-2"),
+        *("institute", "office", "basement", "demo"),
+    )
+    seeds: tuple[int, ...] = (0, 1)
+    carriers: tuple[str, ...] = ("wheeled", HAND)
+    variants: tuple[str, ...] = tuple(LABELS)
+    parts: tuple[str, ...] = (
+        "single pass",
+        "no adjustment",
+        "walls only",
+        "rooms only",
+        "wrong rooms",
+        "KISS-ICP inside",
+        "small_gicp inside",
+        "KISS-ICP given",
+        "weakened, unanchored",
+        "weakened, voting",
+        "weakened",
+    )
+    moved: tuple[str, ...] = ("ICP to the BIM", "single pass", "no adjustment", "anchored")
+    seconds: float = 90.0
+
+
+def cases(options: Choice) -> list[DriveCase]:
+    """All variants of each drive."""
+    found = []
+    for drive, carrier in product(options.drives(), options.carriers):
+        variants = dict.fromkeys((*options.variants, *options.parts))
+        found += [DriveCase(**drive, carrier=carrier, variant=variant) for variant in variants]
+        if building_named(drive["building"]).bim.endswith(".ifc"):
+            found += [DriveCase(**drive, carrier=carrier, changes=MOVED, variant=name) for name in options.moved]
+    return found
+
+
+def _is_main(rows: pd.DataFrame) -> "pd.Series[bool]":
+    return rows.variant.isin(LABELS) & rows.changes.eq("")
+
+
+PARTS: dict[str, Column] = {**ANCHORED, "RMSE, times the whole system's": lambda rows: _relative(rows)}
+QUERIES = Queries(
+    {
+        "errors": Query(
+            {"role": "buildings", "carrier": "carrier", "variant": "variant"}, {**ANCHORED, **ERRORS}, _is_main
+        ),
+        "map": Query(
+            {"role": "buildings", "carrier": "carrier"},
+            {
+                "runs": count(),
+                "wall precision": mean("wall_precision", ".2f"),
+                "wall recall": mean("wall_recall", ".2f"),
+                "wall offset (mm)": spread("wall_offset_mm", ".1f"),
+                "room recall": mean("room_recall", ".2f"),
+                "match precision": mean("match_precision", ".3f"),
+                "match recall": mean("match_recall", ".2f"),
+                "first anchor (s)": spread("first_anchor_s"),
+                **INSIDE,
+            },
+            lambda rows: rows.variant.eq("anchored") & rows.changes.eq("") & truth(rows, "anchored"),
+        ),
+        "parts": Query(
+            {"carrier": "carrier", "variant": "variant"}, PARTS, lambda rows: ~_is_main(rows) & rows.changes.eq("")
+        ),
+        "moved": Query(
+            {"carrier": "carrier", "variant": "variant"}, {**ANCHORED, **ERRORS}, lambda rows: rows.changes.eq(MOVED)
+        ),
+    }
+)
+
+
+def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
+    """README's table, of test buildings; all errors; the map; parts left out; walls that are moved."""
+    rows = _with_whole(rows)
+    headline = rows[_is_main(rows) & rows.role.eq("test")]
+    lines = []
+    for variant, label in LABELS.items():
+        of_variant = headline[headline.variant == variant]
+        cells = {carrier: _headline(part) for carrier, part in of_variant.groupby("carrier", sort=False)}
+        if cells:
+            titles = {"wheeled": "on a robot: RMSE (m)", HAND: "in a hand: RMSE (m)"}
+            lines.append({"": label, **{titles.get(name, name): text for name, text in cells.items()}})
+    return {"readme": pd.DataFrame(lines), **QUERIES(rows)}
+
+
+def _headline(own: pd.DataFrame) -> str:
+    """The mean RMSE of the anchored runs with its interval over buildings, and how many runs are anchored."""
+    error = interval(over_buildings(own.rmse_m, own.building))
+    anchored = own.anchored.eq(other=True)
+    return error if anchored.all() else f"{error} ({of(anchored.sum(), len(own))} anchored)"
+
+
+def _with_whole(rows: pd.DataFrame) -> pd.DataFrame:
+    """The rows with the RMSE of the whole system on the same drive as `whole_m`."""
+    key = ["drive"]
+    whole = rows[rows.variant == "anchored"][[*key, "rmse_m"]].rename(columns={"rmse_m": "whole_m"})
+    return rows.merge(whole, on=key, how="left")
+
+
+def _relative(rows: pd.DataFrame) -> str:
+    both = rows.dropna(subset=["rmse_m", "whole_m"])
+    return interval(ratio(both.rmse_m.astype(float), both.whole_m.astype(float), both.building.tolist()), ".2f")
+
+
+def claims(rows: pd.DataFrame) -> list[Claim]:
+    """How many runs are anchored, how exactly, and relative to each scan's ICP to the plan, on test buildings."""
+    rows = rows[rows.role.eq("test") & rows.changes.eq("")]
+    peers = rows[rows.variant == "ICP to the BIM"][["drive", "rmse_m"]].rename(columns={"rmse_m": "peer_m"})
+    found = []
+    for carrier, whole in rows[rows.variant == "anchored"].merge(peers, on="drive").groupby("carrier", sort=False):
+        both = whole.dropna(subset=["rmse_m", "peer_m"])
+        rmse = interval(over_buildings(whole.rmse_m, whole.building), ".1f", 1000)
+        relative = interval(ratio(both.rmse_m.astype(float), both.peer_m.astype(float), both.building.tolist()), ".2f")
+        anchored = often(truth(whole, "anchored"), whole.building)
+        found += [
+            Claim(f"{carrier}, from an unknown start: runs anchored", anchored, units(whole)),
+            Claim(f"{carrier}: RMSE in building coordinates (mm)", rmse, units(whole)),
+            Claim(f"{carrier}: the same, relative to ICP of each scan to the plan, true start", relative, units(whole)),
+        ]
+    return found
+
+
+QUICK = Choice(
+    buildings=(
+        *("generated/office_31", "generated/corridor_31", "generated/l_shape_31"),
+        *("fzk-haus", "niedriha", "house-1", "institute"),
+    ),
+    seeds=(0,),
+    parts=("single pass", "no adjustment", "KISS-ICP inside", "weakened, unanchored", "weakened"),
+    moved=("ICP to the BIM", "no adjustment", "anchored"),
+    seconds=40.0,
+)
+STUDY = study_of_runs(
+    "accuracy",
+    "how far off the truth a run is in building coordinates, with parts of the system left out, and its peers",
+    QUICK,
+    cases,
+    tables,
+    claims,
+)
