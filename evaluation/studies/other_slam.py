@@ -34,7 +34,7 @@ from evaluation.variants import ODOMETRIES
 REMOVED = 0.8  # of the other system's error, which anchoring should remove
 ANCHOR = "anchor "  # before the name of a system: its output is anchored by the command
 KISS_SLAM = ("KISS-SLAM", "KISS-SLAM's maps")  # with the scans, and with its local maps alone
-INERTIAL = ("tracking", "tracking with IMU", "RKO-LIO", "GenZ-LIO", "anchored", "with IMU")
+TRACKED, RUN = ("tracking", "tracking with IMU", "RKO-LIO", "GenZ-LIO"), ("anchored", "with IMU")
 
 
 class Choice(DriveOptions):
@@ -49,7 +49,7 @@ class Choice(DriveOptions):
     sensors: tuple[str, ...] = ("VLP-16", "Mid-360")
     imu: str = "mid360"
     systems: tuple[str, ...] = (*KISS_SLAM, "RKO-LIO", "small_gicp")
-    inertial: tuple[str, ...] = INERTIAL
+    inertial: tuple[str, ...] = (*TRACKED, *RUN)
     seconds: float = 90.0
 
 
@@ -125,6 +125,12 @@ def _anchor(output: Path, scans: Path | None, plan: Path, out: Path) -> dict[str
     return dict(json.loads((out / "metrics.json").read_text()))
 
 
+def is_output(rows: pd.DataFrame) -> "pd.Series[bool]":
+    """Which rows are of the output of another system."""
+    return rows.variant.str.startswith(ANCHOR)
+
+
+RUNS = {**ANCHORED, **WRONG}
 GAIN = {
     **ANCHORED,
     "alone: ATE (m)": spread("odometry_ate_m", ".3f"),
@@ -141,21 +147,12 @@ TRACKING = {
     "worst step (m)": spread("worst_step_m", ".2f"),
     "scans a second of CPU": spread("scans_per_s"),
 }
+BY = {"carrier": "carrier", "variant": "variant"}
 QUERIES = Queries(
     {
-        "gain": Query(
-            {"variant": "output", "carrier": "carrier"}, GAIN, lambda rows: rows.variant.str.startswith(ANCHOR)
-        ),
-        "tracking": Query(
-            {"carrier": "carrier", "variant": "method"},
-            TRACKING,
-            lambda rows: rows.variant.isin([*INERTIAL[:4]]),
-        ),
-        "inertial": Query(
-            {"carrier": "carrier", "variant": "run"},
-            {**ANCHORED, **WRONG},
-            lambda rows: rows.variant.isin(INERTIAL[4:]),
-        ),
+        "gain": Query(BY, GAIN, is_output),
+        "tracking": Query(BY, TRACKING, lambda rows: rows.variant.isin(TRACKED)),
+        "inertial": Query(BY, RUNS, lambda rows: rows.variant.isin(RUN)),
     }
 )
 
@@ -167,15 +164,13 @@ def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
 
 def claims(rows: pd.DataFrame) -> list[Claim]:
     """How often anchoring removes most of another system's error; tracking with an IMU beside the better of others."""
-    outputs = rows[rows.variant.str.startswith(ANCHOR)]
+    outputs = rows[is_output(rows)]
     wide = rows.pivot_table(index="drive", columns="variant", values="odometry_ate_m")
     wide = wide.reindex(columns=[*wide, *({"tracking with IMU", "RKO-LIO", "GenZ-LIO"} - set(wide))])
     ratios = (wide["tracking with IMU"] / wide[["RKO-LIO", "GenZ-LIO"]].min(axis=1)).dropna()
     removed = often(outputs.removed >= REMOVED, outputs.building, "outputs")
     return [
-        Claim(
-            "Outputs of other SLAM systems of whose error `sgslam anchor` removes 80 % or more", removed, units(outputs)
-        ),
+        Claim("Outputs of others of whose error `sgslam anchor` removes 80 % or more", removed, units(outputs)),
         Claim("ATE with an IMU, over the better of RKO-LIO and GenZ-LIO", spread_of(ratios, ".2f"), units(rows)),
     ]
 

@@ -30,6 +30,7 @@ from sgslam.session import Checkpoints, PriorMap, Result
 from sgslam.slam import SceneGraphSlam
 
 Plan = Literal["the BIM", "the first map"]
+Array = NDArray[np.float64]
 
 
 class Choice(DriveOptions):
@@ -84,7 +85,7 @@ def measure(case: SecondRun, work: Path) -> Record:
         if T_bim_known is None:
             T_bim_known = ape(before.trajectory, first.truth, "se3").T_truth_estimate
         slam = SceneGraphSlam(plan, config=Config(), prior=known)
-        live, begins = dict[int, NDArray[np.float64]](), second.truth.stamps_ns[round(case.start * second.count)]
+        live, begins = dict[int, Array](), second.truth.stamps_ns[round(case.start * second.count)]
         scans = [scan for scan in second.scans() if scan.stamp_ns >= begins]
         for scan in scans:
             update = slam.add_scan(scan.stamp_ns, scan.points, scan.point_times)
@@ -126,13 +127,7 @@ def _first_run(drive: Drive, plan: SceneGraph | None, folder: Path) -> Result:
     return result
 
 
-def _outcome(
-    result: Result,
-    truth_in_bim: Trajectory,
-    scans: int,
-    T_bim_run: NDArray[np.float64],
-    live: dict[int, NDArray[np.float64]],
-) -> Outcome:
+def _outcome(result: Result, truth_in_bim: Trajectory, scans: int, T_bim_run: Array, live: dict[int, Array]) -> Outcome:
     """The second run as one that is anchored where it was relocalised."""
     found = result.relocalisation is not None and result.relocalisation.found
     return Outcome(
@@ -185,13 +180,9 @@ def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
 
 def claims(rows: pd.DataFrame) -> list[Claim]:
     """How many second runs are relocalised, and how many were ever at a wrong place."""
-    wrong = (rows.wrong > 0) | (rows.wrong_live > 0)
+    found, wrong = often(truth(rows, "found"), rows.building), (rows.wrong > 0) | (rows.wrong_live > 0)
     return [
-        Claim(
-            "Second runs that are relocalised in a first run's map",
-            often(truth(rows, "found"), rows.building),
-            units(rows),
-        ),
+        Claim("Second runs that are relocalised in a first run's map", found, units(rows)),
         Claim("Second runs that were ever placed wrongly", rare(wrong, rows.building), units(rows)),
     ]
 
