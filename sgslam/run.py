@@ -73,7 +73,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m sgslam.run", description=about)
     add = parser.add_argument
     add("--scan-dir", type=Path, metavar="DIR",
-        help="scans: a folder or a bag (docs/formats.md); required without --demo or --resume")  # fmt: skip
+        help="scans: a folder or a bag (docs/own_sensor.md); required without --demo or --resume")  # fmt: skip
     add_options(parser)
     names = "continuous_time (default), kiss, small_gicp, rko_lio or genz_lio (both with --imu)"
     add("--odometry", metavar="NAME|FILE", help=f"{names}, or a TUM file with poses")

@@ -51,7 +51,7 @@ def add_workers(parser: argparse.ArgumentParser, local: str, help_local: str) ->
     """Adds `--scheduler` and the option `local` for a number of local processes; they exclude each other."""
     either = parser.add_mutually_exclusive_group()
     either.add_argument(local, type=int, default=1, metavar="N", help=help_local)
-    about = "Dask scheduler whose workers do the work, with the same sgslam and files: see docs/cluster.md"
+    about = "Dask scheduler whose workers do the work, with the same sgslam and files: see docs/batch.md"
     either.add_argument("--scheduler", metavar="tcp://HOST:PORT", help=about)
 
 

@@ -48,7 +48,7 @@ def main(arguments: list[str] | None = None) -> int:
         ),
     )
     about = "CSV with the columns scans, plan, out, flags (further options of 'sgslam run'); only scans is required, "
-    about += "paths are relative to the list; see docs/cluster.md"
+    about += "paths are relative to the list; see docs/batch.md"
     parser.add_argument("list", type=Path, metavar="JOBS.csv", help=about)
     add_workers(parser, "--jobs", "number of processes (default: 1)")
     options = parser.parse_args(arguments)

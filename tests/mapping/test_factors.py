@@ -368,7 +368,8 @@ def test_the_factors_work_alone_beside_gtsam_and_numpy(tmp_path: Path) -> None:
     root = Path(__file__).parents[2]
     shutil.copytree(root / "factors", tmp_path / "factors", ignore=shutil.ignore_patterns("__pycache__"))
     example = tmp_path / "example.py"
-    example.write_text(next(block.text for block in blocks(root / "docs/factors.md") if block.language == "python"))
+    page = root / "docs/python_api.md"
+    example.write_text(next(block.text for block in blocks(page) if block.text.startswith("import gtsam\n")))
     command = [sys.executable, "-c", ALONE, str(tmp_path), str(example)]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
     assert done.returncode == 0, done.stderr

@@ -56,7 +56,7 @@ def test_demo_is_anchored_within_three_centimetres(demo: Path) -> None:
     accuracy = metrics["accuracy"]
     assert accuracy["rmse_bim_m"] < 0.03
     assert accuracy["matched_poses"] == accuracy["total_poses"] == metrics["scans"]
-    described = (ROOT / "docs" / "formats.md").read_text()
+    described = (ROOT / "docs" / "outputs.md").read_text()
     assert [key for key in metrics if f"`{key}`" not in described] == []
     stages = {"total", "reading", "odometry", "surfaces", "rooms", "matching", "optimisation", "smoothing", "report"}
     assert stages <= metrics["seconds"].keys()
