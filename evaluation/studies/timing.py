@@ -162,7 +162,12 @@ def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
 
 def claims(rows: pd.DataFrame) -> list[Claim]:
     """How long a whole run takes, and how late live answers are."""
-    runs = [one["times"] for turns in rows.programs.dropna() for one in turns if one["program"] == RUN]
+    runs = [
+        one["times"]
+        for turns in rows.reindex(columns=["programs"]).programs.dropna()
+        for one in turns
+        if one["program"] == RUN
+    ]
     late, live = spread("p99_ms"), rows[rows.what == "live"]
     times = Claim(
         "Time of a whole run, times KISS-ICP's pipeline", spread_of(pd.Series(runs), ".1f"), f"{len(runs)} runs"
