@@ -285,9 +285,8 @@ def study_of_runs(
         asks=asks,
         options=type(quick),
         quick=quick,
-        case=DriveCase,
         cases=cases,
         tables=lambda rows: tables(in_words(rows)),
         claims=lambda rows: claims(in_words(rows)),
-        **{"measure": run, "release": release, **more},
+        **{"case": DriveCase, "measure": run, "release": release, **more},
     )

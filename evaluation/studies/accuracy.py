@@ -48,8 +48,8 @@ HAND = "handheld"
 
 
 class Choice(DriveOptions):
-    """Each of `variants` with each of `carriers`; each of `parts` (variants with a part of the system left out or
-    replaced) with the same drives; each of `moved` in IFC models whose walls are moved."""
+    """Each of `variants` and `parts` (a part of the system left out) with each of `carriers`, the `parts` also in IFC
+    models whose walls are moved; `replaced` (a part replaced, or a front end that drifts) with the first carrier."""
 
     buildings: tuple[str, ...] = (
         *(
@@ -63,9 +63,8 @@ class Choice(DriveOptions):
     seeds: tuple[int, ...] = (0, 1)
     carriers: tuple[str, ...] = ("wheeled", HAND)
     variants: tuple[str, ...] = tuple(LABELS)
-    parts: tuple[str, ...] = (
-        "single pass",
-        "no adjustment",
+    parts: tuple[str, ...] = ("single pass", "no adjustment")
+    replaced: tuple[str, ...] = (
         "walls only",
         "rooms only",
         "wrong rooms",
@@ -76,7 +75,6 @@ class Choice(DriveOptions):
         "weakened, voting",
         "weakened",
     )
-    moved: tuple[str, ...] = ("ICP to the BIM", "single pass", "no adjustment", "anchored")
     seconds: float = 90.0
 
 
@@ -84,10 +82,12 @@ def cases(options: Choice) -> list[DriveCase]:
     """All variants of each drive."""
     found = []
     for drive, carrier in product(options.drives(), options.carriers):
-        variants = dict.fromkeys((*options.variants, *options.parts))
+        replaced = options.replaced if carrier == options.carriers[0] else ()
+        variants = (*options.variants, *options.parts, *replaced)
         found += [DriveCase(**drive, carrier=carrier, variant=variant) for variant in variants]
         if building_named(drive["building"]).bim.endswith(".ifc"):
-            found += [DriveCase(**drive, carrier=carrier, changes=MOVED, variant=name) for name in options.moved]
+            variants = ("ICP to the BIM", *options.parts, "anchored")
+            found += [DriveCase(**drive, carrier=carrier, changes=MOVED, variant=variant) for variant in variants]
     return found
 
 
@@ -179,12 +179,13 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
 
 QUICK = Choice(
     buildings=(
-        *("generated/office_31", "generated/corridor_31", "generated/l_shape_31"),
-        *("fzk-haus", "niedriha", "house-1", "institute"),
+        *(f"generated/{kind}_31" for kind in ("office", "corridor", "l_shape")),
+        "fzk-haus",
+        "niedriha",
+        "house-1",
     ),
     seeds=(0,),
-    parts=("single pass", "no adjustment", "KISS-ICP inside", "weakened, unanchored", "weakened"),
-    moved=("ICP to the BIM", "no adjustment", "anchored"),
+    replaced=("KISS-ICP inside", "small_gicp inside", "weakened, unanchored", "weakened"),
     seconds=40.0,
 )
 STUDY = study_of_runs(

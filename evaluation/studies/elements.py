@@ -138,19 +138,13 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
     walls = every[every.element.eq("wall") & every.verdict.ne("not seen") & every.built.ne("absent")]
     small = walls[walls.off & (walls.seen >= ENOUGH) & walls.changes.isin(["15 mm", "30 mm"])]
     still, standing = walls[~walls.off], every[~every.built.isin(GONE)]
-    over = units(rows)
+    over, found = units(rows), of(small.verdict.eq("moved").sum(), len(small))
+    moved = rare(still.verdict.eq("moved"), still.building, "walls")
+    absent = rare(standing.verdict.eq("absent"), standing.building, "elements")
     return [
-        Claim(
-            "Walls moved by 15 or 30 mm that are called moved", of(small.verdict.eq("moved").sum(), len(small)), over
-        ),
-        Claim(
-            "Walls within 10 mm that are called moved", rare(still.verdict.eq("moved"), still.building, "walls"), over
-        ),
-        Claim(
-            "Elements that stand and are called absent",
-            rare(standing.verdict.eq("absent"), standing.building, "elements"),
-            over,
-        ),
+        Claim("Walls moved by 15 or 30 mm that are called moved", found, over),
+        Claim("Walls within 10 mm that are called moved", moved, over),
+        Claim("Elements that stand and are called absent", absent, over),
     ]
 
 

@@ -43,7 +43,7 @@ class Choice(Options):
 
 def cases(options: Choice) -> list[DriveCase]:
     """The tours over several storeys, then the starts on each."""
-    chosen = [(tour, tour.storeys, None) for tour in options.climbs]
+    chosen: list[tuple[Tour, tuple[str, ...], float | None]] = [(tour, tour.storeys, None) for tour in options.climbs]
     chosen += [(tour, (storey,), options.seconds) for tour in options.starts for storey in tour.storeys]
     return [
         DriveCase(building=tour.building, storeys=storeys, seconds=seconds, carrier=carrier, seed=seed)
