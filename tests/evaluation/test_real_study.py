@@ -31,7 +31,7 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder of one's own: a plan, scans, poses and the list."""
     folder = tmp_path_factory.mktemp("own")
     building = write_small_ifc(folder / "plan.ifc", site=(300.0, -200.0, 4.0), yaw=0.5)
-    run = simulate(building.path, "Ground", folder / "run", 3, 3, 20.0, sensor=SENSOR, robot=ROBOT)
+    run = simulate(building.path, "Ground", folder / "run", 3, 3, 20.0, SENSOR, ROBOT, seconds=16.0)
     shutil.move(folder / "run/scans", folder / "scans")
     run.truth.write_tum(folder / "truth.tum")
     (folder / "sequences.yaml").write_text("- {name: small, bim: plan.ifc, scans: scans, truth: truth.tum}\n")
@@ -42,7 +42,7 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_recording_is_measured_as_a_whole_and_in_pieces(
     own: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["run", "real", "--dataset", str(own), "--set", "pieces=[8]", "--rows", str(tmp_path), "--jobs", "1"]
+    words = ["run", "real", "--dataset", str(own), "--set", "pieces=[4]", "--rows", str(tmp_path), "--jobs", "1"]
     for to_compute in (2, 0):
         assert main([*words, "--work", str(tmp_path / "work")]) == 0
         assert f"2 cases, {to_compute} to compute" in capsys.readouterr().out
@@ -53,7 +53,7 @@ def test_a_recording_is_measured_as_a_whole_and_in_pieces(
     assert whole.record["aligned_rmse_m"] < 0.05 and whole.record["ends"][0][0] < 0.05
     assert np.hypot(whole.record["plan_view_m"], whole.record["height_m"]) == pytest.approx(whole.record["rmse_m"])
     way = np.linalg.norm(np.diff(truth.positions, axis=0), axis=1).sum()
-    assert pieces.record["runs"] == way // 8.0 >= 2 and pieces.record["aligned_rmse_m"] is None
+    assert pieces.record["runs"] == way // 4.0 >= 2 and pieces.record["aligned_rmse_m"] is None
     assert len(pieces.record["ends"]) == pieces.record["anchored"] <= pieces.record["runs"]
     assert 0.5 * len(truth) < pieces.record["scans"] < len(truth)  # the rest at the end is shorter than a piece
     assert main(["render", "--rows", str(tmp_path)]) == 0
