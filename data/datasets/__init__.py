@@ -1,7 +1,24 @@
-"""Public data sets, converted to the input of `sgslam.run`."""
+"""Public data sets, and recordings of one's own: what is in a folder, and how it is run."""
 
-from data.datasets.slabim import SlabimSession
+from pathlib import Path
 
-__all__ = [
-    "SlabimSession",
-]
+from data.common.errors import UserError
+from data.datasets.conslam import Conslam
+from data.datasets.data_set import DataSet, Recording
+from data.datasets.hilti import Hilti2021
+from data.datasets.listed import LISTS, Listed
+from data.datasets.slabim import Slabim, SlabimSession
+
+KNOWN: tuple[type[DataSet], ...] = (Listed, Slabim, Hilti2021, Conslam)  # in order of recognition
+__all__ = ["KNOWN", "DataSet", "Recording", "SlabimSession", "data_set_in"]
+
+
+def data_set_in(folder: Path, topic: str | None = None) -> DataSet:
+    """The data set in a folder. Raises UserError if there is none."""
+    if not folder.is_dir():
+        raise UserError(f"{folder}: no such folder; give the one that holds the data set")
+    for kind in KNOWN:
+        if any(next(folder.glob(sign), None) for sign in kind.signs):
+            return kind(folder, topic)
+    known = ", ".join(kind.name for kind in KNOWN if kind is not Listed)
+    raise UserError(f"{folder}: not the layout of {known}; add {LISTS[0]}, a list of your recordings")

@@ -17,13 +17,16 @@ import numpy as np
 
 from data.common.errors import UserError
 from data.common.files import natural_key, write_atomically
+from data.datasets.data_set import DataSet, Recording, check_whole
 from data.plans.mesh_plan import read_mesh
+from data.scans import ScanFolder
 from data.scans.formats import READERS
 from data.trajectory import Trajectory
 from data.trajectory.stamps import NS, ns_to_seconds, seconds_to_ns
 
 PARTS, MORE_PARTS = ("walls.ply", "floors.ply"), ("columns.ply",)  # doors are left out: they stand open
 LEAST_MOTION_M = 0.01
+PAGE = "the links of the README of HKUST-Aerial-Robotics/SLABIM, or the data set BobH62/SLABIM"
 
 
 @dataclass(frozen=True)
@@ -58,7 +61,8 @@ class SlabimSession:
         return SlabimSession(name, tuple(scans), tuple(stamps), truth, tuple(m for m in meshes if m.is_file()))
 
     def lay_out(self, out: Path) -> None:
-        """Writes `scans` (links and times.txt), `a_graph.json`, `truth.tum`, and `sequence.yaml` for the ablation.
+        """Writes `scans` (links and times.txt), `a_graph.json`, `truth.tum`, and `sequence.yaml`, a list with it
+        for the study of real recordings.
 
         Existing files are replaced. Raises UserError if the meshes are not of a building.
         """
@@ -76,6 +80,36 @@ class SlabimSession:
         files = {"bim": "a_graph.json", "scans": "scans", "truth": "truth.tum"}
         lines = "".join(f"  {key}: {(out / file).resolve()}\n" for key, file in files.items())
         write_atomically(out / "sequence.yaml", f"- name: {self.name}\n{lines}")
+
+
+class Slabim(DataSet):
+    """The folder with `BIM` and `sensor_data`; a session is run with the meshes of its storey."""
+
+    name = "SLABIM"
+    signs = ("sensor_data", "BIM", "BIM.zip")
+
+    def sequences(self) -> list[str]:
+        sessions = self.folder / "sensor_data"
+        found = sorted(path.parent.name for path in sessions.glob("*/points"))
+        if not found:
+            archive = next(iter(sorted(sessions.glob("*.zip"))), None)
+            first = "download 3F_Region1.zip or another one" if archive is None else f"unpack {archive.name}"
+            raise UserError(f"{sessions}: no session with its points in it; {first} ({PAGE})")
+        return found
+
+    def check(self, sequence: str) -> None:
+        mesh = self.folder / "BIM" / sequence.partition("_")[0] / "mesh"
+        points = self.folder / "sensor_data" / sequence / "points"
+        check_whole((mesh / part for part in PARTS), f"unpack BIM.zip again ({PAGE})")
+        texts = points / "timestamps.txt", points / "pose_frame_to_bim.txt"
+        check_whole((*texts, points / "data"), f"unpack sensor_data/{sequence}.zip again ({PAGE})")
+        SlabimSession.open(self.folder, sequence)
+
+    def open(self, sequence: str, work: Path) -> Recording:
+        """Lays the session out in `work`, as `python -m data.datasets` does."""
+        laid, session = work / f"slabim-{sequence}", SlabimSession.open(self.folder, sequence)
+        session.lay_out(laid)
+        return Recording(ScanFolder(laid / "scans"), session.truth, laid / "a_graph.json")
 
 
 def _stamps(path: Path) -> list[int]:
