@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,6 @@ from data.scene_graph import Room, SceneGraph, WallSurface, Xy
 from data.simulation import Changes
 from data.trajectory import Trajectory
 from sgslam.geometry.frames import level_at
-
-if TYPE_CHECKING:
-    from evaluation.drive import Drive
 
 Array = NDArray[np.float64]
 
@@ -76,11 +73,30 @@ def split(trouble: str) -> tuple[str, int]:
     raise UserError(f"trouble '{trouble}': not known; use {known}")
 
 
+class Recorded(Protocol):
+    """A drive of `count` scans, one each `period_s` seconds; `truth` is T_bim_sensor."""
+
+    @property
+    def truth(self) -> Trajectory:
+        """The true poses."""
+
+    @property
+    def count(self) -> int:
+        """The number of scans."""
+
+    @property
+    def period_s(self) -> float:
+        """Seconds from scan to scan."""
+
+    def scans(self, count: int | None = None, times: bool = True) -> Iterator[Scan]:
+        """The scans, or the first `count`."""
+
+
 @dataclass(frozen=True, eq=False)
 class Troubled:
     """The scans of a drive as a run gets them, the same at each reading, and the true T_bim_sensor at their stamps."""
 
-    drive: "Drive"
+    drive: Recorded
     trouble: str = ""
     times: bool = True
 

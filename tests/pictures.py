@@ -14,9 +14,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
 
-from data.scans import ScanFolder
-from evaluation.drives import SequenceSpec, prepare
-from evaluation.slam_ablation.peers import kiss_icp_alone
+from evaluation.buildings import plan_graph
+from evaluation.drive import DriveCase, drive_of
+from evaluation.peers.odometries import kiss_icp_alone
 from sgslam.cli.inspect_bim import main as inspect_bim
 from sgslam.geometry.frames import inverse
 from sgslam.run import main as run
@@ -29,7 +29,7 @@ FOLDER = Path(__file__).resolve().parents[1] / "docs" / "pictures"
 SIZE = (1240, 800)
 COLOURS = 256
 LIFT_M = 3.0  # of the map over the plan, so that what is matched is seen
-DRIFT_M, DRIFT_SEED = 300.0, 1  # m to drive at least
+DRIFT = DriveCase(building="demo", seed=1, seconds=400.0)
 DRAWN_S = 20.0  # without a GPU a picture takes its time
 
 
@@ -76,23 +76,23 @@ def view(out: Path, profile: Path) -> None:
 
 def drift(scratch: Path) -> None:
     """The same scans located by KISS-ICP alone, its start given, and by us, nothing given; half a page high."""
-    spec = SequenceSpec(name="demo", bim="demo", min_rooms=6, min_length=DRIFT_M)
-    sequence = prepare(spec, DRIFT_SEED, scratch)
-    alone = kiss_icp_alone(ScanFolder(sequence.scan_dir))
-    alone = alone.transformed(sequence.truth.poses[0] @ inverse(alone.poses[0]))
-    slam = SceneGraphSlam(bim=sequence.a_graph)
-    for scan in ScanFolder(sequence.scan_dir):
-        slam.add_scan(scan.stamp_ns, scan.points)
+    drive = drive_of(DRIFT, scratch)
+    alone = kiss_icp_alone(drive.scans())
+    alone = alone.transformed(drive.truth.poses[0] @ inverse(alone.poses[0]))
+    plan = plan_graph(drive.plan)
+    slam = SceneGraphSlam(bim=plan)
+    for scan in drive.scans():
+        slam.add_scan(scan.stamp_ns, scan.points, scan.point_times)
     result = slam.finish()
     figure = Figure(figsize=(12.4, 3.8), layout="constrained")
     for k, (title, path) in enumerate((("KISS-ICP alone", alone), ("anchored to the plan", result.trajectory))):
-        off = np.linalg.norm(path.positions - sequence.truth.at(path.stamps_ns)[:, :3, 3], axis=1)
+        off = np.linalg.norm(path.positions - drive.truth.at(path.stamps_ns)[:, :3, 3], axis=1)
         axes = figure.add_subplot(1, 2, k + 1)
-        floor = min(sequence.a_graph.floors, key=lambda floor: floor.elevation or 0.0)
-        for wall in sequence.a_graph.on_floor(floor.id).wall_surfaces:
+        floor = min(plan.floors, key=lambda floor: floor.elevation or 0.0)
+        for wall in plan.on_floor(floor.id).wall_surfaces:
             along = np.array([-wall.normal[1], wall.normal[0]]) * (wall.length or 0.0) / 2
             axes.plot(*np.stack([wall.centroid - along, wall.centroid + along], axis=1), color="#a3a9b2", lw=1.0)
-        axes.plot(*sequence.truth.positions[:, :2].T, color="#1c1f23", lw=0.8, ls=":", label="true way")
+        axes.plot(*drive.truth.positions[:, :2].T, color="#1c1f23", lw=0.8, ls=":", label="true way")
         axes.plot(*path.positions[:, :2].T, color=("#c2410c", "#6d28d9")[k], lw=1.2, label=title)
         rmse = float(np.sqrt(np.mean(off**2)))
         axes.set_title(f"{title}: RMSE {100 * rmse:.1f} cm, at most {100 * off.max():.0f} cm", fontsize=12)
