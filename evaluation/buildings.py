@@ -1,10 +1,9 @@
-"""The buildings that the studies drive through: listed ones, generated ones, and plans that are built up as meshes."""
+"""The buildings that the studies drive through: listed ones and generated ones."""
 
 import fcntl
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
-from hashlib import blake2b
 from pathlib import Path
 from typing import Literal
 
@@ -18,12 +17,12 @@ from data.plans import load_bim
 from data.plans.mesh_files import is_mesh
 from data.scene_graph import SceneGraph
 
-GENERATED, PLAN = "generated/", "plan/"
+GENERATED = "generated/"
 
 
 class Building(BaseModel):
-    """A building: an IFC file, a mesh, `demo`, `generated/KIND_SEED`, or `plan/FILE#NAME`, a plan that is built up as a
-    mesh; the `storey` that is driven through, None for the lowest. Settings were chosen by those for `development`."""
+    """A building: an IFC file, a mesh, `demo` or `generated/KIND_SEED`; the `storey` that is driven through, None for
+    the lowest. Settings were chosen by those for `development`."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -36,7 +35,7 @@ class Building(BaseModel):
         """The path of its file; none for those that are made."""
         if self.bim == "demo" or self.bim.startswith(GENERATED):
             return set()
-        return {self.bim.removeprefix(PLAN).partition("#")[0]}
+        return {self.bim}
 
 
 @cache
@@ -47,11 +46,11 @@ def _listed() -> dict[str, Building]:
 
 def building_named(name: str) -> Building:
     """A listed building, or one that is made of its name. Raises UserError for an unknown one."""
-    if name.startswith((GENERATED, PLAN)):
+    if name.startswith(GENERATED):
         return Building(name=name, bim=name)
     if name not in _listed():
         there = ", ".join(_listed())
-        raise UserError(f"no building '{name}'; there are {there}, {GENERATED}KIND_SEED and {PLAN}FILE#NAME")
+        raise UserError(f"no building '{name}'; there are {there} and {GENERATED}KIND_SEED")
     return _listed()[name]
 
 
@@ -69,31 +68,24 @@ def building_file(name: str, work: Path) -> tuple[Path, str]:
             if not path.exists():
                 write_demo_building(path)
         return path, building.storey or DEMO_STOREY
-    if not building.bim.startswith((GENERATED, PLAN)):
+    if not building.bim.startswith(GENERATED):
         return Path(building.bim), building.storey or ""
     from data.generation.plan_mesh import write_plan_mesh
 
-    path = work / f"{blake2b(building.bim.encode(), digest_size=6).hexdigest()}.stl"
+    path = work / f"{building.bim.removeprefix(GENERATED)}.stl"
     with locked(path):
         if not path.exists():
-            write_plan_mesh(_plan_named(building.bim), path)
+            write_plan_mesh(_generated(building.bim.removeprefix(GENERATED)), path)
     return path, ""
 
 
-def _plan_named(bim: str) -> SceneGraph:
+def _generated(name: str) -> SceneGraph:
     from data.generation.buildings import KINDS, generate_plan
-    from data.plans import read_plans
 
-    if bim.startswith(GENERATED):
-        kind, _, seed = bim.removeprefix(GENERATED).rpartition("_")
-        if kind not in KINDS or not seed.isdecimal():
-            raise UserError(f"no building '{bim}'; give {GENERATED}KIND_SEED with a kind of {', '.join(KINDS)}")
-        return generate_plan(kind, int(seed)).graph
-    file, _, name = bim.removeprefix(PLAN).partition("#")
-    plans = {plan.name: plan.graph for plan in read_plans(Path(file))}
-    if name not in plans:
-        raise UserError(f"{file}: no plan '{name}'; there are {', '.join(list(plans)[:5])}, ...")
-    return plans[name]
+    kind, _, seed = name.rpartition("_")
+    if kind not in KINDS or not seed.isdecimal():
+        raise UserError(f"no building '{GENERATED}{name}'; give KIND_SEED with a kind of {', '.join(KINDS)}")
+    return generate_plan(kind, int(seed)).graph
 
 
 def plan_graph(bim: Path) -> SceneGraph:

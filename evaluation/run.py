@@ -29,13 +29,13 @@ from evaluation.metrics.tracking import PoseClaims, errors_over_time, reliabilit
 from evaluation.metrics.trajectories import origin_alignment
 from evaluation.metrics.true_matches import true_matches
 from evaluation.outcome import NO_POSES, Outcome
-from evaluation.peers.icp_to_bim import ALIGNERS, register_to_bim, surfaces_of
+from evaluation.peers.icp_to_bim import register_to_bim, surfaces_of
 from evaluation.peers.odometries import kiss_icp_alone
-from evaluation.stand_ins import OracleMatcher, WrongRooms, weakened, within_range
+from evaluation.stand_ins import OracleMatcher, weakened, within_range
 from evaluation.study import Options, Record, Study
 from evaluation.tables import in_words
 from evaluation.tracker import tracked, with_samples
-from evaluation.variants import ODOMETRIES, PEERS, TRACKERS, Variant, variant_named
+from evaluation.variants import ICP_TO_BIM, ODOMETRIES, PEERS, TRACKERS, Variant, variant_named
 from matching import Matcher, MatchResult
 from matching.protocol import AnyMatcher
 from matching.self_test import make_ready
@@ -89,7 +89,7 @@ def _system(case: DriveCase, variant: Variant, drive: Drive, sent: Troubled, wor
         config = config.model_copy(update={"as_built": AsBuiltSettings(tolerance=TOLERANCE_M)})
     plan, truth = (_plan(case, drive, work) if variant.plan else None), sent.truth
     storey = _another_storey(plan, truth) if plan is not None and case.trouble == "wrong storey" else None
-    matcher = None if plan is None else _matcher(case, variant, plan, truth)
+    matcher = None if plan is None else _matcher(variant, plan, truth)
     odometry = _odometry(case, variant, sent)
 
     def scans() -> Iterator[Scan]:
@@ -145,14 +145,14 @@ def _another_storey(plan: SceneGraph, truth: Trajectory) -> str:
     return other
 
 
-def _matcher(case: DriveCase, variant: Variant, plan: SceneGraph, truth: Trajectory) -> AnyMatcher:
+def _matcher(variant: Variant, plan: SceneGraph, truth: Trajectory) -> AnyMatcher:
     if variant.matcher == "oracle":
         first = truth.poses[0]
         return OracleMatcher(first, storey_of(plan, first))
-    name = variant.matcher if variant.matcher not in ("", "wrong rooms") else Config().matching.method
+    name = variant.matcher or Config().matching.method
     matcher = Matcher.load(name)
     make_ready(matcher, name)  # compiling is not part of the run's time
-    return WrongRooms(matcher, case.seed) if variant.matcher == "wrong rooms" else matcher
+    return matcher
 
 
 def _odometry(case: DriveCase, variant: Variant, sent: Troubled) -> ExternalOdometry | None:
@@ -232,10 +232,8 @@ def _tracker(case: DriveCase, drive: Drive, sent: Troubled) -> Outcome:
 
 def _peer(case: DriveCase, drive: Drive, sent: Troubled) -> Outcome:
     truth, began = sent.truth, process_time()
-    if case.variant in ALIGNERS:
-        plan = plan_graph(drive.plan)
-        triangles = surfaces_of(drive.plan, plan)
-        found = register_to_bim(sent.scans(), triangles, truth.poses[0], ALIGNERS[case.variant])
+    if case.variant == ICP_TO_BIM:
+        found = register_to_bim(sent.scans(), surfaces_of(drive.plan), truth.poses[0])
         in_bim = poses = _at_best_instant(found, drive, truth, times=False)  # it does not deskew
     else:
         samples = None if case.imu is None else drive.samples

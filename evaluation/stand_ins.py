@@ -1,4 +1,4 @@
-"""Parts of the system replaced for an experiment: matchers that know the truth or err, and a front end that drifts."""
+"""Parts of the system replaced for an experiment: a matcher that knows the truth, and a front end that drifts."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -13,12 +13,9 @@ from data.trajectory import Trajectory
 from evaluation.metrics.trajectories import ape
 from evaluation.metrics.true_matches import true_matches
 from matching import Hypothesis, MatchResult
-from matching.protocol import AnyMatcher
-from matching.result import Pair
 
 Array = NDArray[np.float64]
 LEAST_WALLS = 4
-WRONG_ROOMS = 5  # of each answer
 RANGE_M = 6.0  # of a weakened sensor; a level one at 0.8 m needs 3 m to see the floor
 SCALE, YAW_RAD = 0.01, float(np.radians(0.3))  # at level 1: relative step error; yaw random walk per sqrt(m)
 LEAST_ERROR_M, MOST_LEVEL = 0.5, 64
@@ -39,42 +36,6 @@ class OracleMatcher:
         walls = tuple((s_id, a_id, 1.0) for s_id, a_id in truth.wall_surfaces.items())
         sole = Hypothesis(0.0, truth.T_a_s, self._floor, tuple(truth.rooms.items()))
         return MatchResult("unique", "the truth was given", rooms, walls, truth.T_a_s, self._floor, (sole,))
-
-
-class WrongRooms:
-    """Another matcher's answers in which some rooms with all their walls are assigned to wrong planned rooms."""
-
-    def __init__(self, matcher: AnyMatcher, seed: int) -> None:
-        self._matcher, self._seed = matcher, seed
-
-    def match(self, s: SceneGraph, a: SceneGraph) -> MatchResult:
-        """The corrupted answer; answers that are not unique are not changed."""
-        answer = self._matcher.match(s, a)
-        assert isinstance(answer, MatchResult)
-        if answer.status != "unique" or answer.T_a_s is None:
-            return answer
-        rng = np.random.default_rng([self._seed, 13])
-        planned = a.on_floor(answer.floor)
-        wrong: dict[str, str] = {}
-        for k in rng.permutation(len(answer.rooms))[:WRONG_ROOMS].tolist():
-            s_room, a_room, _ = answer.rooms[k]
-            others = [r.id for r in planned.rooms if r.id != a_room and len(planned.surfaces_of_room[r.id]) > 1]
-            if others:
-                wrong[s_room] = others[int(rng.integers(len(others)))]
-        rooms = tuple((room, wrong.get(room, right), c) for room, right, c in answer.rooms)
-        walls = tuple(_wrong(pair, s, planned, wrong, answer.T_a_s[0]) for pair in answer.wall_surfaces)
-        return replace(answer, rooms=rooms, wall_surfaces=walls)
-
-
-def _wrong(pair: Pair, s: SceneGraph, a: SceneGraph, wrong: dict[str, str], yaw: float) -> Pair:
-    """Assigns the wall of a corrupted room to the wrong room's surface with the most similar normal."""
-    surface = s.surface_by_id[pair[0]]
-    if surface.room not in wrong:
-        return pair
-    turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
-    normal = turn @ surface.normal
-    nearest = max(a.surfaces_of_room[wrong[surface.room]], key=lambda w: float(normal @ w.normal))
-    return (pair[0], nearest.id, pair[2])
 
 
 def within_range(scans: Iterator[Scan]) -> Iterator[Scan]:

@@ -8,15 +8,14 @@ from data.common.errors import UserError
 from data.imu import ImuSamples
 from data.scans import Scan
 from data.trajectory import Trajectory
-from evaluation.peers.icp_to_bim import ALIGNERS
 from evaluation.peers.odometries import genz_lio_alone, kiss_icp_alone, rko_lio_alone, small_gicp_alone
 
 
 @dataclass(frozen=True)
 class Variant:
-    """The system with a `plan` or without, a `matcher` (a method of `Matcher.load`, `oracle` or `wrong rooms`), and
-    settings that differ from the defaults; with a second pass, with the samples of the IMU, and with an `odometry` of
-    others: KISS-ICP's poses as they are, or its own made worse, with a short range of the sensor."""
+    """The system with a `plan` or without, a `matcher` (a method of `Matcher.load`, or `oracle`), and settings that
+    differ from the defaults; with a second pass, with the samples of the IMU, and with an `odometry` of others:
+    KISS-ICP's poses as they are, or its own made worse, with a short range of the sensor."""
 
     plan: bool = True
     matcher: str = ""
@@ -32,7 +31,6 @@ SYSTEM: dict[str, Variant] = {
     "voting": Variant(matcher="voting"),
     "published": Variant(matcher="paper@published"),
     "oracle": Variant(matcher="oracle"),
-    "wrong rooms": Variant(matcher="wrong rooms"),
     "walls only": Variant(settings={"anchors": {"rooms": False}}),
     "rooms only": Variant(settings={"anchors": {"planes": False}}),
     "single pass": Variant(second_pass=False),
@@ -53,7 +51,8 @@ ODOMETRIES: dict[str, Track] = {
     "RKO-LIO": lambda scans, samples: rko_lio_alone(scans, _given(samples)),
     "GenZ-LIO": lambda scans, samples: genz_lio_alone(scans, _given(samples)),
 }
-PEERS = (*ODOMETRIES, *ALIGNERS)
+ICP_TO_BIM = "ICP to the BIM"
+PEERS = (*ODOMETRIES, ICP_TO_BIM)
 
 
 def variant_named(name: str) -> Variant:

@@ -1,4 +1,4 @@
-"""Whether stated uncertainties hold: the normalised estimation error squared (NEES), and how often errors lie inside
+"""Whether stated uncertainties hold: how often errors lie inside
 their 95 % regions."""
 
 import numpy as np
@@ -7,36 +7,12 @@ from pydantic import BaseModel, ConfigDict
 
 from data.common.errors import UserError
 from data.trajectory import Trajectory
-from evaluation.metrics.trajectories import matched
-from sgslam.geometry.frames import local_coordinates
 from sgslam.report.accuracy import yaw_errors
 
 Array = NDArray[np.float64]
 DOF = 6
 PARTS = "plan_view", "height", "yaw"
 _OF_TWO, _OF_ONE = 5.991, 3.841  # 95 % quantiles of chi-squared with two degrees of freedom and with one
-
-
-def nees(estimate: Trajectory, truth: Trajectory, covariances: Array) -> float:
-    """The mean normalised estimation error squared per degree of freedom, without alignment: 1 if the covariances are
-    right, above if they are overconfident (Bar-Shalom, Li, Kirubarajan 2001, 5.4).
-
-    `covariances` (N, 6, 6), one for each pose of the estimate, as GTSAM's marginals: rotation (rad) first, then
-    translation (m), in the pose's own axes, T_true = T_estimate Exp(e). Raises UserError where no pose matches or a
-    covariance is not symmetric and positive definite.
-    """
-    covariances = np.asarray(covariances, dtype=float)
-    if covariances.shape != (len(estimate), DOF, DOF):
-        raise UserError(f"NEES: covariances of shape {covariances.shape} for {len(estimate)} poses; give (N, 6, 6)")
-    both = matched(estimate, truth)
-    errors = np.array([
-        local_coordinates(ours, true)
-        for ours, true in zip(both.estimate, both.truth, strict=True)
-    ])  # fmt: skip
-    squared = [
-        normalised_squared(error, covariances[k], k) for error, k in zip(errors, both.indices.tolist(), strict=True)
-    ]  # fmt: skip
-    return float(np.mean(squared) / DOF)
 
 
 def normalised_squared(error: Array, covariance: Array, pose: int) -> float:

@@ -1,4 +1,4 @@
-"""Trajectory errors: absolute, relative and drift. Pure functions: no files, no plots.
+"""Trajectory errors: absolute and relative. Pure functions: no files, no plots.
 
 Poses are paired by time (`sgslam.report.accuracy.associate`). Results that evo (https://github.com/MichaelGrupp/evo)
 also computes have the same values.
@@ -20,7 +20,6 @@ from sgslam.report.accuracy import TOLERANCE_NS, align_se3, yaw_errors
 Array = NDArray[np.float64]
 WRONG = 0.5, np.radians(5)  # m and rad: beyond, a pose in the BIM frame is at a wrong place
 RELATIVE_TOLERANCE = 0.1  # of the length between the poses of a pair
-SUB_LENGTHS_M = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0)  # a tenth of KITTI's, for buildings
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,18 +60,6 @@ class Rpe:
     pairs: NDArray[np.intp]
     translation_m: Array
     translation: Statistics
-
-
-@dataclass(frozen=True)
-class Drift:
-    """`end_percent`: the last pose's position error over the length travelled, first poses made to coincide.
-
-    `mean_percent` is the mean over all sub-trajectories; None where the run is shorter than the shortest length.
-    """
-
-    travelled_m: float
-    end_percent: float
-    mean_percent: float | None
 
 
 def matched(estimate: Trajectory, truth: Trajectory) -> Matched:
@@ -144,31 +131,6 @@ def rpe(estimate: Trajectory, truth: Trajectory, delta_m: float = 1.0) -> Rpe:
         raise UserError(f"no two poses lie {delta_m:g} m apart on a way of {way[-1]:.3g} m; give another length")
     translation = _relative_errors(both, pairs)
     return Rpe(pairs, translation, Statistics.of(translation))
-
-
-def drift(estimate: Trajectory, truth: Trajectory) -> Drift:
-    """The drift in percent of the distance travelled (measured along the matched true poses).
-
-    Sub-trajectories as in KITTI (Geiger et al., CVPR 2012, `evaluate_odometry.cpp`): from each pose to the first one
-    that lies more than the length further on; the error of the relative pose over the length; the mean over all
-    sub-trajectories of all lengths. Starts are all matched poses, where KITTI takes each tenth.
-
-    Raises UserError where no pose matches or the truth stands still.
-    """
-    both = matched(estimate, truth)
-    way = _way(both.truth)
-    if not way[-1] > 0:
-        raise UserError(f"{len(way)} matched poses at one place: no way to measure a drift by")
-    whole = _relative_errors(both, np.array([[0, len(way) - 1]]))
-    percents = []
-    for length in SUB_LENGTHS_M:
-        last = np.searchsorted(way, way + length, side="right")
-        pairs = np.stack([np.arange(len(way)), last], axis=1)[last < len(way)]
-        if not len(pairs):
-            continue
-        percents.append(100 * _relative_errors(both, pairs) / length)
-    mean = float(np.concatenate(percents).mean()) if percents else None
-    return Drift(float(way[-1]), float(100 * whole[0] / way[-1]), mean)
 
 
 def _way(poses: Array) -> Array:

@@ -67,7 +67,6 @@ class Choice(DriveOptions):
     replaced: tuple[str, ...] = (
         "walls only",
         "rooms only",
-        "wrong rooms",
         "KISS-ICP inside",
         "small_gicp inside",
         "KISS-ICP given",
