@@ -67,10 +67,10 @@ def _written(of: Score) -> Record:
 
 
 def matches_of(rows: pd.DataFrame) -> pd.DataFrame:
-    """A line for each match: cases of drives have several maps."""
+    """A line for each match, with its CPU seconds: cases of drives have several maps."""
     each = rows.explode("maps", ignore_index=True).dropna(subset="maps").reset_index(drop=True)
     matches = pd.json_normalize(each.maps.tolist())
-    return each.drop(columns="maps").join(matches)
+    return each.drop(columns=["maps", "seconds"]).join(matches)
 
 
 def wrong(rows: pd.DataFrame) -> str:

@@ -1,7 +1,6 @@
 """How well the matchers find maps with known truth in plans."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any, Literal
@@ -40,7 +39,6 @@ class Choice(Options):
     seconds: PositiveFloat = 90.0
     published_map: str = f"{DATA}slam_graphs/SE2.json"
     slow_pairs: NonNegativeInt = 12
-    seed: int = 0
 
 
 QUICK = Choice(
@@ -57,7 +55,7 @@ QUICK = Choice(
 def cases(options: Choice) -> list[MatchCase]:
     """All pairs with their methods. Raises UserError for an unknown method, and as the readers do."""
     for method in options.methods:
-        methods.matcher_named(method)
+        methods.matcher_MatchCase(method)
     return [
         pair.model_copy(update={"method": method})
         for cell in _cells(options)
@@ -69,19 +67,18 @@ def cases(options: Choice) -> list[MatchCase]:
 
 def _cells(options: Choice) -> Iterator[Sequence[MatchCase]]:
     """The pairs; a set whose file is missing has one, which is skipped."""
-    named = partial(MatchCase, seed=options.seed)
-    yield [named(plans=SGSLAM, plan=name, regime=SGSLAM, seconds=options.seconds) for name in options.buildings]
+    yield [MatchCase(plans=SGSLAM, plan=name, regime=SGSLAM, seconds=options.seconds) for name in options.buildings]
     if options.published_map:
-        yield [named(plans=options.published_map, plan="", regime=PUBLISHED_MAP)]
+        yield [MatchCase(plans=options.published_map, plan="", regime=PUBLISHED_MAP)]
     there = [path for path in options.plans if Path(path).exists()]
-    yield [named(plans=path, plan="", regime=REGIMES[0]) for path in options.plans if path not in there]
+    yield [MatchCase(plans=path, plan="", regime=REGIMES[0]) for path in options.plans if path not in there]
     pools: dict[tuple[str, ...], list[pairs.Candidate]] = {}
     for one in pairs.read_candidates(there, options.generated):
         pools.setdefault(one.pool, []).append(one)
     for pool, regime in product(pools.values(), options.regimes):
         for rooms in ("all",) if regime in pairs.WHOLE else options.rooms:
             seen = None if rooms == "all" else rooms
-            yield pairs.pairs_of_cell(pool, regime, seen, options.pairs, options.seed)
+            yield pairs.pairs_of_cell(pool, regime, seen, options.pairs, seed=0)
 
 
 def measure(case: MatchCase, work: Path) -> Record:
@@ -103,8 +100,7 @@ LINES = {"regime": "regime", "method": "method"}
 
 
 def tables(rows: pd.DataFrame) -> Mapping[str, Any]:
-    """On test plans: what the methods find, the other measures of `learned`, and its wall F1 by rooms seen. What
-    `learned` finds on each set. The published perturbation and map, below the printed numbers."""
+    """What the methods find on test plans, `learned` in more detail, and the published perturbation and map."""
     own = scores.matches_of(rows)
     paper = own.regime.isin(pairs.PUBLISHED)
     test, learned = own[~paper & (own.role == "test")], own[own.method == "learned"]
