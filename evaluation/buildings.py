@@ -38,6 +38,11 @@ class Building(BaseModel):
         return {self.bim}
 
 
+def generated(*seeds: int, kinds: tuple[str, ...] = ("office", "corridor", "l_shape", "apartment")) -> tuple[str, ...]:
+    """The names of generated buildings."""
+    return tuple(f"{GENERATED}{kind}_{seed}" for seed in seeds for kind in kinds)
+
+
 @cache
 def _listed() -> dict[str, Building]:
     rows = yaml.safe_load(Path(__file__).with_name("buildings.yaml").read_text())

@@ -9,7 +9,7 @@ from itertools import product
 
 import pandas as pd
 
-from evaluation.buildings import building_named
+from evaluation.buildings import building_named, generated
 from evaluation.drive import DriveCase, DriveOptions
 from evaluation.metrics.statistics import ratio
 from evaluation.run import study_of_runs
@@ -18,7 +18,6 @@ from evaluation.tables import (
     ANCHORED,
     ERRORS,
     INSIDE,
-    Column,
     Queries,
     Query,
     count,
@@ -42,24 +41,16 @@ LABELS = {
     "anchored": "**ours, learned matcher**",
     "oracle": "ours, true matches",
 }
-WITHOUT_PLAN = ("KISS-ICP", "small_gicp", "ICP to the BIM", "unanchored")  # these are given the true first pose
 MOVED = "10 to 30 cm"
 HAND = "handheld"
+HOUSES = ("fzk-haus", "niedriha", "house-1", "house-2", "sample-house", "jesse")
 
 
 class Choice(DriveOptions):
     """Each of `variants` and `parts` (a part of the system left out) with each of `carriers`, the `parts` also in IFC
     models whose walls are moved; `replaced` (a part replaced, or a front end that drifts) with the first carrier."""
 
-    buildings: tuple[str, ...] = (
-        *(
-            f"generated/{kind}_{seed}"
-            for kind in ("office", "corridor", "l_shape", "apartment")
-            for seed in (31, 32, 33)
-        ),
-        *("fzk-haus", "niedriha", "sample-house", "jesse", "house-1", "house-2"),
-        *("institute", "office", "basement", "demo"),
-    )
+    buildings: tuple[str, ...] = (*generated(31, 32, 33), *HOUSES, "institute", "office", "basement", "demo")
     seeds: tuple[int, ...] = (0, 1)
     carriers: tuple[str, ...] = ("wheeled", HAND)
     variants: tuple[str, ...] = tuple(LABELS)
@@ -94,33 +85,26 @@ def _is_main(rows: pd.DataFrame) -> "pd.Series[bool]":
     return rows.variant.isin(LABELS) & rows.changes.eq("")
 
 
-PARTS: dict[str, Column] = {**ANCHORED, "RMSE, times the whole system's": lambda rows: _relative(rows)}
+MAP = {
+    "runs": count(),
+    "wall precision": mean("wall_precision", ".2f"),
+    "wall recall": mean("wall_recall", ".2f"),
+    "wall offset (mm)": spread("wall_offset_mm", ".1f"),
+    "room recall": mean("room_recall", ".2f"),
+    "match precision": mean("match_precision", ".3f"),
+    "match recall": mean("match_recall", ".2f"),
+    "first anchor (s)": spread("first_anchor_s"),
+    **INSIDE,
+}
+ALL = {**ANCHORED, **ERRORS}
+PARTS = {**ANCHORED, "RMSE, times the whole system's": lambda rows: _relative(rows)}
+BY, BY_ROLE = {"carrier": "carrier", "variant": "variant"}, {"role": "buildings", "carrier": "carrier"}
 QUERIES = Queries(
     {
-        "errors": Query(
-            {"role": "buildings", "carrier": "carrier", "variant": "variant"}, {**ANCHORED, **ERRORS}, _is_main
-        ),
-        "map": Query(
-            {"role": "buildings", "carrier": "carrier"},
-            {
-                "runs": count(),
-                "wall precision": mean("wall_precision", ".2f"),
-                "wall recall": mean("wall_recall", ".2f"),
-                "wall offset (mm)": spread("wall_offset_mm", ".1f"),
-                "room recall": mean("room_recall", ".2f"),
-                "match precision": mean("match_precision", ".3f"),
-                "match recall": mean("match_recall", ".2f"),
-                "first anchor (s)": spread("first_anchor_s"),
-                **INSIDE,
-            },
-            lambda rows: rows.variant.eq("anchored") & rows.changes.eq("") & truth(rows, "anchored"),
-        ),
-        "parts": Query(
-            {"carrier": "carrier", "variant": "variant"}, PARTS, lambda rows: ~_is_main(rows) & rows.changes.eq("")
-        ),
-        "moved": Query(
-            {"carrier": "carrier", "variant": "variant"}, {**ANCHORED, **ERRORS}, lambda rows: rows.changes.eq(MOVED)
-        ),
+        "errors": Query({**BY_ROLE, "variant": "variant"}, ALL, _is_main),
+        "map": Query(BY_ROLE, MAP, lambda rows: rows.variant.eq("anchored") & _is_main(rows) & truth(rows, "anchored")),
+        "parts": Query(BY, PARTS, lambda rows: ~_is_main(rows) & rows.changes.eq("")),
+        "moved": Query(BY, ALL, lambda rows: rows.changes.eq(MOVED)),
     }
 )
 
@@ -148,9 +132,8 @@ def _headline(own: pd.DataFrame) -> str:
 
 def _with_whole(rows: pd.DataFrame) -> pd.DataFrame:
     """The rows with the RMSE of the whole system on the same drive as `whole_m`."""
-    key = ["drive"]
-    whole = rows[rows.variant == "anchored"][[*key, "rmse_m"]].rename(columns={"rmse_m": "whole_m"})
-    return rows.merge(whole, on=key, how="left")
+    whole = rows[rows.variant == "anchored"][["drive", "rmse_m"]].rename(columns={"rmse_m": "whole_m"})
+    return rows.merge(whole, on="drive", how="left")
 
 
 def _relative(rows: pd.DataFrame) -> str:
@@ -177,12 +160,7 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
 
 
 QUICK = Choice(
-    buildings=(
-        *(f"generated/{kind}_31" for kind in ("office", "corridor", "l_shape")),
-        "fzk-haus",
-        "niedriha",
-        "house-1",
-    ),
+    buildings=(*generated(31)[:3], *HOUSES[:3]),
     seeds=(0,),
     replaced=("KISS-ICP inside", "small_gicp inside", "weakened, unanchored", "weakened"),
     seconds=40.0,

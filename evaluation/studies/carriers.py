@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 
+from evaluation.buildings import generated
 from evaluation.drive import RECORDING, Degrees, DriveCase, DriveOptions
 from evaluation.run import study_of_runs
 from evaluation.study import Claim
@@ -27,7 +28,7 @@ class Choice(DriveOptions):
 
     buildings: tuple[str, ...] = (
         *("demo", "institute", "office", "basement", "house-1", "house-2"),
-        *(f"generated/{kind}_41" for kind in ("office", "corridor", "l_shape", "apartment")),
+        *generated(41),
     )
     carriers: tuple[str, ...] = ("wheeled", HAND, "pole", RECORDING)
     sensors: tuple[str, ...] = ("VLP-16", "OS0-32", "OS1-64", "XT32", "Mid-360", "sector")
@@ -154,7 +155,7 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
 
 
 QUICK = Choice(
-    buildings=("institute", "house-1", *(f"generated/{kind}_41" for kind in ("office", "corridor", "l_shape"))),
+    buildings=("institute", "house-1", *generated(41)[:3]),
     sensors=("VLP-16", "Mid-360"),
     effects=(),
     mounts=((0.0, 40.0, 0.0),),

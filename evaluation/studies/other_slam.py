@@ -23,6 +23,7 @@ from data.common.errors import UserError
 from data.scans import Scan, ScanFolder
 from data.slam_output.kiss_slam import read_kiss_poses
 from data.trajectory import Trajectory
+from evaluation.buildings import generated
 from evaluation.drive import Drive, DriveCase, DriveOptions, drive_of
 from evaluation.outcome import Outcome
 from evaluation.peers.kiss_slam import COMMAND, kiss_slam_results
@@ -43,7 +44,7 @@ class Choice(DriveOptions):
 
     buildings: tuple[str, ...] = (
         *("institute", "office", "fzk-haus", "niedriha"),
-        *(f"generated/{kind}_61" for kind in ("office", "corridor", "l_shape", "apartment")),
+        *generated(61),
     )
     carriers: tuple[str, ...] = ("handheld", "wheeled")
     sensors: tuple[str, ...] = ("VLP-16", "Mid-360")
@@ -176,7 +177,7 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
 
 
 QUICK = Choice(
-    buildings=("institute", "fzk-haus", *(f"generated/{kind}_61" for kind in ("office", "corridor", "l_shape"))),
+    buildings=("institute", "fzk-haus", *generated(61)[:3]),
     carriers=("handheld",),
     sensors=("VLP-16",),
     seconds=45.0,

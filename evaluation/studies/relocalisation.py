@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from data.common.errors import UserError
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
-from evaluation.buildings import plan_graph
+from evaluation.buildings import generated, plan_graph
 from evaluation.drive import Drive, DriveCase, DriveOptions, drive_of, release
 from evaluation.metrics.trajectories import ape
 from evaluation.outcome import NO_POSES, Outcome
@@ -38,7 +38,7 @@ class Choice(DriveOptions):
 
     buildings: tuple[str, ...] = (
         *("demo", "institute", "office", "fzk-haus", "niedriha"),
-        *(f"generated/{kind}_51" for kind in ("office", "corridor", "l_shape", "apartment", "skewed")),
+        *generated(51, 52),
     )
     seeds: tuple[int, ...] = (0, 1)
     plans: tuple[Plan, ...] = ("the BIM", "the first map")
@@ -188,7 +188,7 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
 
 
 QUICK = Choice(
-    buildings=("demo", "fzk-haus", *(f"generated/{kind}_51" for kind in ("office", "corridor", "l_shape"))),
+    buildings=("demo", "fzk-haus", *generated(51)[:3]),
     seeds=(0,),
     starts=(0.3,),
     seconds=45.0,

@@ -6,7 +6,7 @@ from itertools import product
 import pandas as pd
 from pydantic import Field
 
-from evaluation.buildings import building_named
+from evaluation.buildings import building_named, generated
 from evaluation.conditions import NO_PLACE, PLANS, SENSOR, split
 from evaluation.conditions import RECORDING as OF_RECORDING
 from evaluation.drive import RECORDING, DriveCase, DriveOptions
@@ -15,6 +15,7 @@ from evaluation.study import Claim
 from evaluation.tables import ANCHORED, INSIDE, WRONG, Queries, Query, count, rare, truth, units
 
 NONE = ""
+HOUSES = ("fzk-haus", "niedriha", "jesse", "sample-house")
 SEVERE = {name: amounts for name, amounts in {**SENSOR, **OF_RECORDING}.items() if amounts}
 PLAIN = (NONE, *PLANS, *(name for name in (*SENSOR, *OF_RECORDING) if name not in SEVERE))
 
@@ -23,15 +24,7 @@ class Choice(DriveOptions):
     """Each of `troubles`, and of the others each of `severities`, of each of `carriers` with each of `sensors` and
     `effects`, in `per_cell` drives drawn in turn (all of them for None)."""
 
-    buildings: tuple[str, ...] = (
-        "institute",
-        "office",
-        "fzk-haus",
-        "niedriha",
-        "jesse",
-        "sample-house",
-        *(f"generated/{kind}_{seed}" for seed in (21, 22) for kind in ("office", "corridor", "l_shape", "apartment")),
-    )
+    buildings: tuple[str, ...] = ("institute", "office", *HOUSES, *generated(21, 22))
     troubles: tuple[str, ...] = PLAIN
     severities: tuple[int, ...] = (1, 2, 3, 4)
     carriers: tuple[str, ...] = ("wheeled", "handheld", RECORDING)
@@ -108,14 +101,7 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
 
 
 QUICK = Choice(
-    buildings=(
-        "institute",
-        "fzk-haus",
-        "niedriha",
-        "generated/office_21",
-        "generated/corridor_21",
-        "generated/l_shape_21",
-    ),
+    buildings=("institute", *HOUSES[:2], *generated(21)[:3]),
     severities=(3,),
     carriers=("handheld",),
     sensors=("VLP-16",),
