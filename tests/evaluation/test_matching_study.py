@@ -29,6 +29,10 @@ from evaluation.tables import frame
 from matching import MatchResult
 
 SEEDS = (3, 4, 17, 22)  # the first two houses are for training by their names, the others for tests
+WALLS = tuple(WallSurface(name, None, (0.0, 0.0), (1.0, 0.0), 1.0) for name in ("one", "two", "cupboard", "shelf"))
+S = SceneGraph("map", (), WALLS)
+TRUTH = TrueMatches({}, {"one": "a", "two": "b"}, (0.0, 0.0, 0.0), None, (0.0, 0.0))
+MIXED = MatchResult("unique", "", (), (("one", "a", 0.97), ("two", "c", 0.91), ("shelf", "a", 0.2)), (0.0, 0.0, 0.0))
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +56,6 @@ def known_of(folder: Path, **changes: Any) -> KnownMap:
 
 
 def off_the_truth(known: KnownMap) -> float:
-    """Metres from where the true walls fit best to where the truth places the map."""
     s = known.drawn.s_graph
     fit = best_rigid_fit(s, known.a_graph.on_floor(known.drawn.floor), known.drawn.wall_surfaces)
     return float(np.hypot(*(se2.apply(fit, s.centroid()) - se2.apply(np.array(known.truth.T_a_s), s.centroid()))))
@@ -81,8 +84,7 @@ def test_a_case_says_what_map_it_is_and_methods_share_it(folder: Path) -> None:
 def test_the_true_walls_lie_where_the_truth_places_the_map(folder: Path, regime: str) -> None:
     known = known_of(folder, regime=regime)
     assert len(known.truth.wall_surfaces) > 8 and off_the_truth(known) < 0.15
-    # The published perturbation turns a map about the plan's origin.
-    assert (np.hypot(*known.truth.T_a_s[1:]) < 0.1) == (regime == "perturbed")
+    assert (np.hypot(*known.truth.T_a_s[1:]) < 0.1) == (regime == "perturbed")  # turned about the plan's origin
 
 
 def test_plans_that_anything_was_chosen_by_are_named_so(folder: Path, tmp_path: Path) -> None:
@@ -103,12 +105,6 @@ def test_plans_that_anything_was_chosen_by_are_named_so(folder: Path, tmp_path: 
     assert role(str(tmp_path / "swiss_floors"), "flat_3") == "development"
 
 
-WALLS = tuple(WallSurface(name, None, (0.0, 0.0), (1.0, 0.0), 1.0) for name in ("one", "two", "cupboard", "shelf"))
-S = SceneGraph("map", (), WALLS)
-TRUTH = TrueMatches({}, {"one": "a", "two": "b"}, (0.0, 0.0, 0.0), None, (0.0, 0.0))
-MIXED = MatchResult("unique", "", (), (("one", "a", 0.97), ("two", "c", 0.91), ("shelf", "a", 0.2)), (0.0, 0.0, 0.0))
-
-
 def test_the_scores_of_an_answer_by_hand() -> None:
     found, nowhere = score(MIXED, TRUTH, S, False), replace(TRUTH, wall_surfaces={})
     assert found["wall"] == found["node"] == {"precision": 1 / 3, "recall": 1 / 2, "f1": pytest.approx(0.4)}
@@ -120,9 +116,8 @@ def test_the_scores_of_an_answer_by_hand() -> None:
 
 def test_what_is_late_or_raises_is_no_answer(folder: Path) -> None:
     known = known_of(folder, regime="real")
-    broken: Any = replace(known, a_graph=None)
-    given = ((known, 60.0), (known, 1e-6), (broken, 60.0))
-    found, late, raised = (answered(one, "voting", limit_s) for one, limit_s in given)
+    found, late = (answered(known, "voting", limit_s) for limit_s in (60.0, 1e-6))
+    raised = answered(replace(known, a_graph=None), "voting", 60.0)  # type: ignore[arg-type]
     assert found["wall"]["recall"] > 0.8 and late["wall"]["recall"] == raised["wall"]["recall"] == 0.0
     assert (late["answer"], raised["answer"]) == ("late", "raised") and "NoneType" in raised["reason"]
 
@@ -131,8 +126,8 @@ def test_tables_and_claims_are_of_rows_by_their_roles(folder: Path, tmp_path: Pa
     shutil.copytree(folder, tmp_path / "swiss_floors")
     every = cases(choice(folder, regimes=["real", "negative", "perturbed"])) + cases(choice(tmp_path / "swiss_floors"))
     made = Provenance(build="", commit="", command="", machine="", date="")
-    named = [(case.model_dump(mode="json") | {"method": "learned"}, measure(case, tmp_path)) for case in every]
-    rows = frame([Row(case, record, made) for case, record in named])
+    named = [case.model_dump(mode="json") | {"method": "learned"} for case in every]  # whose results are claimed
+    rows = frame([Row(name, measure(case, tmp_path), made) for name, case in zip(named, every, strict=True)])
     found = STUDY.tables(rows)
     f1, of_nowhere = found["methods"]["wall F1"]
     assert 0.6 < float(f1) < 1.0 and of_nowhere == ""
