@@ -16,13 +16,12 @@ from matching import MatchResult
 from sgslam.slam import SceneGraphSlam
 
 LEAST_WALLS = 4
+NEVER = MatchResult("none", "maps are only recorded")
 
 
 class Recorder:
     """A matcher that finds no match, so that no map is anchored. It keeps the first S-graph of each number of rooms and
     the last one."""
-
-    NEVER = MatchResult("none", "maps are only recorded")
 
     def __init__(self) -> None:
         self._first: dict[int, SceneGraph] = {}
@@ -31,11 +30,11 @@ class Recorder:
     def match(self, s: SceneGraph, a: SceneGraph) -> MatchResult:
         """Keeps the S-graph, but not the mirror image that a run matches too; never a match."""
         if s.frame.endswith(MIRRORED):
-            return self.NEVER
+            return NEVER
         self._last = s
         if s.rooms:
             self._first.setdefault(len(s.rooms), s)
-        return self.NEVER
+        return NEVER
 
     @property
     def maps(self) -> list[SceneGraph]:

@@ -76,7 +76,7 @@ def matches_of(rows: pd.DataFrame) -> pd.DataFrame:
 def wrong(rows: pd.DataFrame) -> str:
     """How many of the unique answers are wrong."""
     sure = rows[rows.answer == "unique"]
-    return rare(sure.wrong.astype(bool), sure.building, "unique answers")
+    return rare(sure.wrong.astype(bool), sure.building, "answers")
 
 
 def placed(rows: pd.DataFrame) -> str:
@@ -104,7 +104,7 @@ FOUND: dict[str, Column] = {
     "wall F1": mean("wall.f1"),
     "room F1": _mean("room.f1"),
     "unique": _share("unique"),
-    "wrong": wrong,
+    "wrong of unique": wrong,
     "median (s)": lambda rows: f"{rows.seconds.median():.3f}",
 }
 MEASURES: dict[str, Column] = {

@@ -104,7 +104,7 @@ def tables(rows: pd.DataFrame) -> Mapping[str, Any]:
     own = scores.matches_of(rows)
     paper = own.regime.isin(pairs.PUBLISHED)
     test, learned = own[~paper & (own.role == "test")], own[own.method == "learned"]
-    known = learned[learned.regime.isin(("real", "drift"))]
+    known = learned[learned.regime.isin(("real", "drift"))].sort_values("rooms", kind="stable")
     published = Query(LINES, scores.NODES).table(own[paper])
     return {
         "methods": Query(LINES, scores.FOUND).table(test),
