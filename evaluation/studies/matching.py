@@ -55,7 +55,7 @@ QUICK = Choice(
 def cases(options: Choice) -> list[MatchCase]:
     """All pairs with their methods. Raises UserError for an unknown method, and as the readers do."""
     for method in options.methods:
-        methods.matcher_MatchCase(method)
+        methods.matcher_named(method)
     return [
         pair.model_copy(update={"method": method})
         for cell in _cells(options)
