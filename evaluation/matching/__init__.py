@@ -1,0 +1,1 @@
+"""Matchers on maps with known truth: which maps, which methods, and what becomes of a match."""

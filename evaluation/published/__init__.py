@@ -1,1 +1,0 @@
-"""Published methods and tables, reproduced and compared with ours."""
