@@ -19,7 +19,7 @@ from data.plans.bim import IFC_SUFFIXES
 from data.scans import Scan
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
-from evaluation.buildings import building_file, building_named, plan_graph, storey_of
+from evaluation.buildings import building_file, building_named, generated, plan_graph, storey_of
 from evaluation.conditions import NO_PLACE, Troubled, doubled
 from evaluation.drive import Drive, DriveCase, drive_of, release
 from evaluation.elements import verdicts_of
@@ -45,7 +45,7 @@ from sgslam.session import Result, Update
 from sgslam.slam import SceneGraphSlam
 
 Array = NDArray[np.float64]
-OTHERS = {"foreign plan": ("generated/office_2", "generated/apartment_3")}  # the second one for the first itself
+FOREIGN = generated(99)[:2]  # the plans of other buildings; the second one for a drive through the first
 TOLERANCE_M = 0.01  # up to which an element counts as planned, where the building differs from its plan
 
 
@@ -131,7 +131,7 @@ def _system(case: DriveCase, variant: Variant, drive: Drive, sent: Troubled, wor
 def _plan(case: DriveCase, drive: Drive, work: Path) -> SceneGraph:
     """The plan that is given: the whole building's, unless the trouble is of the plan."""
     if case.trouble == "foreign plan":
-        name = next(name for name in OTHERS["foreign plan"] if name != case.building)
+        name = next(name for name in FOREIGN if name != case.building)
         return plan_graph(building_file(name, work)[0])
     plan = plan_graph(drive.plan)
     return doubled(plan) if case.trouble == "doubled plan" else plan

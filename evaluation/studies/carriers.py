@@ -28,7 +28,7 @@ class Choice(DriveOptions):
 
     buildings: tuple[str, ...] = (
         *("demo", "institute", "office", "basement", "house-1", "house-2"),
-        *generated(41),
+        *generated(40),
     )
     carriers: tuple[str, ...] = ("wheeled", HAND, "pole", RECORDING)
     sensors: tuple[str, ...] = ("VLP-16", "OS0-32", "OS1-64", "XT32", "Mid-360", "sector")
@@ -155,7 +155,7 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
 
 
 QUICK = Choice(
-    buildings=("institute", "house-1", *generated(41)[:3]),
+    buildings=("institute", "house-1", *generated(40)[:3]),
     sensors=("VLP-16", "Mid-360"),
     effects=(),
     mounts=((0.0, 40.0, 0.0),),

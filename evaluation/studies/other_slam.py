@@ -44,7 +44,7 @@ class Choice(DriveOptions):
 
     buildings: tuple[str, ...] = (
         *("institute", "office", "fzk-haus", "niedriha"),
-        *generated(61),
+        *generated(60),
     )
     carriers: tuple[str, ...] = ("handheld", "wheeled")
     sensors: tuple[str, ...] = ("VLP-16", "Mid-360")
@@ -177,7 +177,7 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
 
 
 QUICK = Choice(
-    buildings=("institute", "fzk-haus", *generated(61)[:3]),
+    buildings=("institute", "fzk-haus", *generated(60)[:3]),
     carriers=("handheld",),
     sensors=("VLP-16",),
     seconds=45.0,
