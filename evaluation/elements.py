@@ -62,8 +62,7 @@ def verdicts_of(case: DriveCase, drive: Drive, result: Result, ifc: Path) -> Rec
     # seen from where the keyframes with a cloud were in truth
     stamps = [k.stamp_ns for k in result.s_graph.keyframes if len(result.clouds[int(k.id[1:])])]
     at = np.searchsorted(drive.truth.stamps_ns, stamps).tolist()
-    cache = drive.folder.parent / "walls.json"
-    walls = true_walls(ifc, drive.storey, BUILDING[case.changes], case.seed, drive.truth, at, cache)
+    walls = true_walls(ifc, drive.storey, BUILDING[case.changes], case.seed, drive.truth, at)
     stands_off = {change.id: change for change in drive.stands_off}
     building = _Building(_with_fillings(ifc, drive.changes), stands_off, {wall.id: wall.views for wall in walls})
     judged = [entry for entry in map(building.judged, run_verdicts(result, drive.plan)) if entry is not None]

@@ -13,11 +13,10 @@ from data.common.errors import UserError
 from data.trajectory import Trajectory
 from evaluation.metrics.consistency import inside_95
 from evaluation.metrics.tracking import errors_over_time, step_errors
-from evaluation.metrics.trajectories import ape, error_in_bim, rpe, wrong_poses
+from evaluation.metrics.trajectories import ape, error_in_bim, wrong_poses
 from evaluation.study import Record
 
 Array = NDArray[np.float64]
-RPE_M = 1.0
 WRONG_STOREY_M = 1.5  # error in height from which a storey is wrong
 FRAMES = ("truth", "anchored", "map", "odometry", "live")
 NO_POSES = Trajectory(np.empty(0, np.int64), np.empty((0, 4, 4)))
@@ -73,7 +72,7 @@ class Outcome:
         `anchored`; `wrong_storey`: anchored more than 1.5 m too high or low at any scan, live or in the end;
         `anchored_scans`, of which `wrong` ones are off by more than 0.5 m or 5 degrees, and their
         `coverage` of all scans; `silent`: wrong without an alarm. In the BIM frame without alignment: the RMSE in space
-        (`rmse_m`), in `plan_view_m`, in height (`height_m`) and in yaw, the `worst_m`, and the RPE over a metre.
+        (`rmse_m`), in `plan_view_m`, in height (`height_m`) and in yaw, and the `worst_m`.
         `inside`: how often errors are in their 95 % regions. `ate_m` and `odometry_ate_m` are RMSEs of map and
         odometry after SE(3) alignment. `second_*` are errors of the odometry's motion over a second (median, 95 %),
         `worst_step_m` the largest between neighbouring scans, `missing` the scans without a pose.
@@ -112,7 +111,6 @@ class Outcome:
             "height_m": error.height.rmse,
             "worst_m": error.position.max,
             "yaw_deg": float(np.degrees(error.yaw.rmse)),
-            "rpe_m": _known(lambda: rpe(self.anchored, self.truth, RPE_M).translation.rmse),
             "inside": None if region is None or self.no_place else region.model_dump(),
         }
 

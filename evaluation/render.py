@@ -6,7 +6,6 @@ the commands of all rows. `STUDY/NAME@ROW,COLUMN` is a cell of a table, counted 
 of all studies.
 """
 
-import io
 import re
 from collections.abc import Mapping
 from functools import cache
@@ -26,8 +25,6 @@ ROWS = PAGES / "rows" if PAGES.is_dir() else Path("out/evaluation/rows")  # besi
 QUICK = "quick"  # folder of the rows of the short versions
 BLOCK = re.compile(r"(<!-- rows: ([a-z_]+)/([\w@,-]+) -->)(.*?)(<!-- /rows -->)", re.DOTALL)
 CLAIMS, COMMANDS = "claims", "commands"
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#222222", "#999999")
-"""Okabe and Ito's palette for colour-blind readers."""
 
 
 class Renderer:
@@ -114,20 +111,18 @@ def pages() -> list[Path]:
 
 
 def render() -> list[Path]:
-    """Writes all pages and plots from the rows; returns the pages that changed."""
+    """Writes all pages from the rows; returns the pages that changed."""
     renderer = Renderer()
     texts = {path: path.read_text() for path in pages()}
     changed = {path: new for path, text in texts.items() if (new := renderer.page(text)) != text}
     for path, text in changed.items():
         write_atomically(path, text)
-    for study in filter(renderer.has_rows, STUDIES):
-        load_study(study).plots(renderer.rows_of(study), PAGES)
     return list(changed)
 
 
 def render_folder(rows: Path) -> list[Path]:
     """Writes all tables and texts of the studies with rows in a folder of one's own there: `NAME.md`, the tables as
-    `NAME.tex` (which needs the LaTeX package booktabs), and the plots. Returns the pages.
+    `NAME.tex` (which needs the LaTeX package booktabs). Returns the pages.
 
     Raises UserError if there are no rows.
     """
@@ -143,15 +138,4 @@ def render_folder(rows: Path) -> list[Path]:
         write_atomically(rows / f"{name}.md", renderer.page(f"# {name}\n\n{blocks}"))
         latex = [table.to_latex(index=False, escape=True) for table in tables.values() if not isinstance(table, str)]
         write_atomically(rows / f"{name}.tex", "\n".join(latex))
-        load_study(name).plots(renderer.rows_of(name), rows)
     return [rows / f"{name}.md" for name in found]
-
-
-def save_figure(figure: Any, path: Path) -> None:
-    """Writes a matplotlib figure as SVG; the same rows make the same file."""
-    import matplotlib
-
-    drawn = io.BytesIO()
-    with matplotlib.rc_context({"svg.hashsalt": path.name}):
-        figure.savefig(drawn, format="svg", metadata={"Date": None})
-    write_atomically(path, drawn.getvalue())

@@ -197,7 +197,7 @@ def _map_facts(result: Result, plan: SceneGraph, truth: Trajectory) -> Record:
         rooms = room_scores(result.s_graph, floor, T_bim_map, entered)
         offset = None if walls.offset_mm is None else walls.offset_mm.median
         found |= {"wall_precision": walls.score.precision, "wall_recall": walls.score.recall, "wall_offset_mm": offset}
-        found |= {"room_precision": rooms.score.precision, "room_recall": rooms.score.recall}
+        found |= {"room_precision": rooms.precision, "room_recall": rooms.recall}
     if found and result.matches is not None and result.anchored:
         rooms_found, walls_found = (
             tuple(

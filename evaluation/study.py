@@ -72,7 +72,7 @@ class Study:
     `cases` lists the cases of given options, `measure` computes the record of one; intermediate files go in the folder
     that it gets, and `release` removes those of a group when its last case is done. `tables` makes, of the rows (a
     DataFrame with the fields of case and record as columns), the tables and short texts that pages show, by name;
-    `claims` its lines in the index; `plots` writes SVG files to a folder. Where seconds are what is measured, the study
+    `claims` its lines in the index. Where seconds are what is measured, the study
     is `timed`: nothing runs beside it. A study whose data are `brought` by its user is not one of `all`.
     """
 
@@ -85,7 +85,6 @@ class Study:
     measure: Callable[[Any, Path], Record]
     tables: Callable[[Any], Mapping[str, Any]]
     claims: Callable[[Any], Sequence[Claim]] = lambda rows: ()
-    plots: Callable[[Any, Path], None] = nothing
     release: Callable[[Any, Path], None] = nothing
     timed: bool = False
     brought: bool = False

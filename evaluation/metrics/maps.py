@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from data import SceneGraph
 from data.common.errors import UserError
-from data.geometry import se2
 from data.geometry.areas import overlap, united
 from data.geometry.intervals import united as united_intervals
 from evaluation.metrics.statistics import Score, Statistics
@@ -23,37 +22,13 @@ LEAST_COVER = 0.5  # share of a surface's length for it to be found (A) or true 
 LEAST_IOU = 0.5
 
 
-@dataclass(frozen=True, eq=False)
-class WallScores:
-    """The score of wall surfaces: `score` counts surfaces.
-
-    `pairs` (K) are (S id, A id) of corresponding surfaces; `offset_m` (K,) is the distance along the plan's inward
-    normal, `angle_rad` (K,) the rotation against the plan; `offset_mm` and `angle_deg` are their statistics,
-    None without pairs.
-    """
-
-    score: Score
-    missed: tuple[str, ...]
-    false: tuple[str, ...]
-    pairs: tuple[tuple[str, str], ...]
-    offset_m: Array
-    angle_rad: Array
-    offset_mm: Statistics | None
-    angle_deg: Statistics | None
-
-
 @dataclass(frozen=True)
-class RoomScores:
-    """The score of rooms. `pairs` are (S id, A id), for each A room the S room that represents it; `centroid_m` and
-    `iou` belong to them. An IoU is None if a polygon is missing; `centroid` is None without pairs."""
+class WallScores:
+    """The score of wall surfaces, and the magnitudes (mm) of their offsets along the plan's inward normals; None where
+    no surface corresponds to a planned one."""
 
     score: Score
-    missed: tuple[str, ...]
-    false: tuple[str, ...]
-    pairs: tuple[tuple[str, str], ...]
-    centroid_m: tuple[float, ...]
-    iou: tuple[float | None, ...]
-    centroid: Statistics | None
+    offset_mm: Statistics | None
 
 
 def wall_scores(
@@ -74,43 +49,29 @@ def wall_scores(
     found, true = covered >= LEAST_COVER * a_length, on_plan >= LEAST_COVER * s_length
     chosen = best_surfaces(lying)
     i = np.flatnonzero(chosen >= 0)
-    offset, angle = lying.offset[i, chosen[i]], lying.angle[i, chosen[i]]
-    return WallScores(
-        Score(int(true.sum()), len(true), int((found & counts).sum()), int(counts.sum())),
-        tuple(lying.a.ids[j] for j in np.flatnonzero(~found & counts)),
-        tuple(lying.s.ids[k] for k in np.flatnonzero(~true)),
-        tuple((lying.s.ids[k], lying.a.ids[chosen[k]]) for k in i), offset, angle,
-        Statistics.of(1000 * offset) if len(i) else None, Statistics.of(np.degrees(angle)) if len(i) else None,
-    )  # fmt: skip
+    offset = lying.offset[i, chosen[i]]
+    score = Score(int(true.sum()), len(true), int((found & counts).sum()), int(counts.sum()))
+    return WallScores(score, Statistics.of(1000 * offset) if len(i) else None)
 
 
 def room_scores(
     s_graph: SceneGraph, a_graph: SceneGraph, T_bim_map: Array, visible: Collection[str] | None = None
-) -> RoomScores:
-    """Precision, recall and errors of the rooms.
+) -> Score:
+    """Precision and recall of the rooms.
 
     An A room is found if the S room that represents it (`true_matches`, the larger of two parts) has an intersection
     over union of at least 0.5 with it; if a polygon is missing, the true match suffices. These S rooms are true, the
-    others are not. The centroid error is between the centroids in the graphs. Raises as `wall_scores` does.
+    others are not. Raises as `wall_scores` does.
     """
     _known(visible, a_graph.room_by_id, "room")
     truth = true_matches(s_graph, a_graph, T_bim_map)
-    bearing = representatives(truth, s_graph)[0]
-    T_a_s = np.array(truth.T_a_s)
-    pairs = tuple((r.id, truth.rooms[r.id]) for r in s_graph.rooms if r.id in bearing)
-    ious = tuple(_iou(s_graph, a_graph, pair, T_a_s) for pair in pairs)
-    right = [pair for pair, iou in zip(pairs, ious, strict=True) if iou is None or iou >= LEAST_IOU]
-    true, found = {s for s, _ in right}, {a for _, a in right}
+    T_a_s, found = np.array(truth.T_a_s), set[str]()
+    for s_id in representatives(truth, s_graph)[0]:
+        iou = _iou(s_graph, a_graph, (s_id, truth.rooms[s_id]), T_a_s)
+        if iou is None or iou >= LEAST_IOU:
+            found.add(truth.rooms[s_id])
     expected = [r.id for r in a_graph.rooms if visible is None or r.id in visible]
-    errors = [
-        se2.apply(T_a_s, np.array(s_graph.room_by_id[s].centroid)) - a_graph.room_by_id[a].centroid for s, a in pairs
-    ]
-    apart = [float(np.hypot(*error)) for error in errors]
-    return RoomScores(
-        Score(len(right), len(s_graph.rooms), len(found.intersection(expected)), len(expected)),
-        tuple(key for key in expected if key not in found), tuple(r.id for r in s_graph.rooms if r.id not in true),
-        pairs, tuple(apart), ious, Statistics.of(np.array(apart)) if apart else None,
-    )  # fmt: skip
+    return Score(len(found), len(s_graph.rooms), len(found.intersection(expected)), len(expected))
 
 
 def _known(visible: Collection[str] | None, ids: Collection[str], what: str) -> None:

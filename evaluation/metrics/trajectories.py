@@ -1,4 +1,4 @@
-"""Trajectory errors: absolute and relative. Pure functions: no files, no plots.
+"""Trajectory errors: absolute. Pure functions: no files, no plots.
 
 Poses are paired by time (`sgslam.report.accuracy.associate`). Results that evo (https://github.com/MichaelGrupp/evo)
 also computes have the same values.
@@ -19,7 +19,6 @@ from sgslam.report.accuracy import TOLERANCE_NS, align_se3, yaw_errors
 
 Array = NDArray[np.float64]
 WRONG = 0.5, np.radians(5)  # m and rad: beyond, a pose in the BIM frame is at a wrong place
-RELATIVE_TOLERANCE = 0.1  # of the length between the poses of a pair
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,15 +50,6 @@ class ErrorInBim:
     height: Statistics
     yaw: Statistics
     matched_poses: int
-
-
-@dataclass(frozen=True, eq=False)
-class Rpe:
-    """Relative pose error: `translation_m` (K,) of the `pairs` (K, 2), which index the matched poses."""
-
-    pairs: NDArray[np.intp]
-    translation_m: Array
-    translation: Statistics
 
 
 def matched(estimate: Trajectory, truth: Trajectory) -> Matched:
@@ -112,47 +102,3 @@ def wrong_poses(estimate_in_bim: Trajectory, truth_in_bim: Trajectory) -> int:
     off = inverse(truth_in_bim.at(estimate_in_bim.stamps_ns)) @ estimate_in_bim.poses
     turned = np.arccos(np.clip((np.trace(off[:, :3, :3], axis1=1, axis2=2) - 1) / 2, -1.0, 1.0))
     return int(((np.linalg.norm(off[:, :3, 3], axis=1) > WRONG[0]) | (turned > WRONG[1])).sum())
-
-
-def rpe(estimate: Trajectory, truth: Trajectory, delta_m: float = 1.0) -> Rpe:
-    """The relative pose error between poses that lie `delta_m` of travelled way apart; needs no alignment.
-
-    Sturm et al., IROS 2012; E = (Q_i^-1 Q_j)^-1 (P_i^-1 P_j). All pairs, as evo takes them: for each pose the one
-    whose path length from it is nearest to `delta_m`, if within a tenth of it. The path length is measured along the
-    truth, so that all estimates use the same pairs; evo measures along the estimate by default. Raises UserError for a
-    length that is not positive and if no two poses lie that far apart.
-    """
-    if not (np.isfinite(delta_m) and delta_m > 0):
-        raise UserError(f"RPE over {delta_m:g} m: give a positive length")
-    both = matched(estimate, truth)
-    way = _way(both.truth)
-    pairs = _pairs(way, delta_m, delta_m * RELATIVE_TOLERANCE)
-    if not len(pairs):
-        raise UserError(f"no two poses lie {delta_m:g} m apart on a way of {way[-1]:.3g} m; give another length")
-    translation = _relative_errors(both, pairs)
-    return Rpe(pairs, translation, Statistics.of(translation))
-
-
-def _way(poses: Array) -> Array:
-    """(N,) metres travelled up to each pose."""
-    steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
-    return np.concatenate([[0.0], np.cumsum(steps)])
-
-
-def _relative_errors(both: Matched, pairs: NDArray[np.intp]) -> Array:
-    """(K,) metres that the estimate's motion from i to j adds to the true one."""
-    i, j = pairs.T
-    true = inverse(both.truth[i]) @ both.truth[j]
-    error = inverse(true) @ inverse(both.estimate[i]) @ both.estimate[j]
-    return np.asarray(np.linalg.norm(error[:, :3, 3], axis=1))
-
-
-def _pairs(way: Array, delta: float, tolerance: float) -> NDArray[np.intp]:
-    """(K, 2) for each pose the later one whose way from it is nearest to `delta`, if within the tolerance."""
-    first = np.arange(len(way) - 1)
-    above = np.searchsorted(way, way[:-1] + delta)
-    below = np.searchsorted(way, way[np.maximum(above - 1, 0)])  # the first of those that stand at one place
-    above, below = (np.clip(index, first + 1, len(way) - 1) for index in (above, below))
-    off_above, off_below = (np.abs(way[index] - way[:-1] - delta) for index in (above, below))
-    second = np.where(off_below <= off_above, below, above)
-    return np.stack([first, second], axis=1)[np.minimum(off_above, off_below) <= tolerance]

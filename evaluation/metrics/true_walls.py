@@ -1,16 +1,12 @@
 """Ground truth of each wall of a simulated storey: how it was built, and how many keyframes can see it."""
 
-import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from data.common.errors import UserError
-from data.common.files import write_json
 from data.geometry.raycast import TriangleScene
 from data.ifc.products import IfcProduct
 from data.simulation import Change, Changes
@@ -43,14 +39,9 @@ class TrueWall:
 
 
 def true_walls(
-    ifc: Path, storey: str, changes: Changes, seed: int, truth: Trajectory, keyframes: list[int], cache: Path
+    ifc: Path, storey: str, changes: Changes, seed: int, truth: Trajectory, keyframes: list[int]
 ) -> list[TrueWall]:
-    """The storey's walls as built; `keyframes` are the indices of the scans used as viewpoints.
-
-    The result is cached in the file `cache`. Raises UserError if that file cannot be read.
-    """
-    if cache.exists():
-        return [_read(row) for row in json.loads(cache.read_text())]
+    """The storey's walls as built; `keyframes` are the indices of the scans used as viewpoints."""
     from data.simulation.storey_model import load_storey
 
     model = load_storey(ifc, storey, changes, seed)
@@ -67,17 +58,7 @@ def true_walls(
         change = change_of.get(wall.global_id)
         offset = change.offset_in_bim if change is not None else (0.0, 0.0)
         walls.append(TrueWall(wall.global_id, _kind(wall, change_of), offset, count, _footprint(triangles)))
-    write_json(cache, [asdict(wall) for wall in walls])
     return walls
-
-
-def _read(row: dict[str, Any]) -> TrueWall:
-    try:
-        x, y = row["offset_in_bim"]
-        corners = tuple((float(u), float(v)) for u, v in row["footprint"])
-        return TrueWall(row["id"], row["kind"], (float(x), float(y)), int(row["views"]), corners)
-    except (KeyError, TypeError, ValueError):
-        raise UserError("the drive's walls.json is damaged; delete it to compute it again") from None
 
 
 def _kind(wall: IfcProduct, change_of: dict[str, Change]) -> str:

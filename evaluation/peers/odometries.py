@@ -1,9 +1,7 @@
 """Published odometries alone, each with its best settings for indoors."""
 
-import json
+import os
 import subprocess
-import sys
-import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -37,14 +35,14 @@ DOWNSAMPLED_M, REACH_M, LOCAL_SCANS, SPACING = 0.25, 0.3, 15, 0.3
 # RKO-LIO and GenZ-LIO: the settings of a run (`OdometrySettings`), chosen likewise in four drives on a hand
 DESKEWING_ROUNDS = 3  # a scan deskewed by the step before it, and only once, diverges
 
-_PIPELINE = """
-import json, sys, time
-from pathlib import Path
-from kiss_icp.datasets import dataset_factory
-from kiss_icp.pipeline import OdometryPipeline
-used = time.process_time()
-OdometryPipeline(dataset_factory(dataloader="generic", data_dir=Path(sys.argv[1]))).run()
-Path(sys.argv[2]).write_text(json.dumps(time.process_time() - used))
+KISS_SLAM = "kiss_slam_pipeline"  # the command of kiss-slam 0.0.2, which is no dependency: its user has installed it
+# indoors: the odometry's voxels as in `kiss_icp_alone`; small local maps
+KISS_SLAM_SETTINGS = """
+odometry:
+  preprocessing: {max_range: 100.0, min_range: 0.3, deskew: true}
+  registration: {max_num_threads: 1}
+  mapping: {voxel_size: 0.3, max_points_per_voxel: 1}
+local_mapper: {voxel_size: 0.1, splitting_distance: 3.0}
 """
 
 
@@ -167,16 +165,17 @@ def _trajectory(scans: Iterable[Scan], register: Callable[[Scan], Array]) -> Tra
     return Trajectory(np.array([stamp for stamp, _ in found], dtype=np.int64), np.stack([pose for _, pose in found]))
 
 
-def cpu_seconds_of_kiss_icp(scan_dir: Path) -> float:
-    """CPU seconds, of all threads, of KISS-ICP's own pipeline in its default configuration: reading, odometry, results.
+def kiss_slam_results(scan_dir: Path, work: Path) -> Path:
+    """Runs KISS-SLAM's command on a folder of scans, in the folder `work`; returns the folder of its results.
 
     Raises UserError if it fails.
     """
-    with tempfile.TemporaryDirectory() as folder:
-        answer = Path(folder) / "seconds"
-        command = [sys.executable, "-c", _PIPELINE, str(scan_dir.resolve()), str(answer)]
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-        if done.returncode:
-            last = (done.stderr.strip() or "no message").splitlines()[-1]
-            raise UserError(f"{scan_dir}: KISS-ICP's pipeline failed: {last}")
-        return float(json.loads(answer.read_text()))
+    settings = work / "kiss_slam.yaml"
+    settings.write_text(KISS_SLAM_SETTINGS)
+    words = [KISS_SLAM, "--dataloader", "generic", "--config", str(settings.resolve()), str(scan_dir.resolve())]
+    headless = {**os.environ, "MPLBACKEND": "Agg"}
+    done = subprocess.run(words, cwd=work, env=headless, capture_output=True, text=True, check=False)
+    if done.returncode:
+        last = ((done.stderr or done.stdout).strip() or "no message").splitlines()[-1]
+        raise UserError(f"{scan_dir}: {KISS_SLAM} failed: {last}")
+    return work / "slam_output" / "latest"

@@ -26,7 +26,7 @@ from data.trajectory import Trajectory
 from evaluation.buildings import generated
 from evaluation.drive import Drive, DriveCase, DriveOptions, drive_of
 from evaluation.outcome import Outcome
-from evaluation.peers.kiss_slam import COMMAND, kiss_slam_results
+from evaluation.peers.odometries import KISS_SLAM, kiss_slam_results
 from evaluation.run import described, run, study_of_runs
 from evaluation.study import Claim, Record
 from evaluation.tables import ANCHORED, WRONG, Queries, Query, count, often, spread, spread_of, units
@@ -34,7 +34,7 @@ from evaluation.variants import ODOMETRIES
 
 REMOVED = 0.8  # of the other system's error, which anchoring should remove
 ANCHOR = "anchor "  # before the name of a system: its output is anchored by the command
-KISS_SLAM = ("KISS-SLAM", "KISS-SLAM's maps")  # with the scans, and with its local maps alone
+OF_KISS_SLAM = ("KISS-SLAM", "KISS-SLAM's maps")  # with the scans, and with its local maps alone
 TRACKED, RUN = ("tracking", "tracking with IMU", "RKO-LIO", "GenZ-LIO"), ("anchored", "with IMU")
 
 
@@ -49,7 +49,7 @@ class Choice(DriveOptions):
     carriers: tuple[str, ...] = ("handheld", "wheeled")
     sensors: tuple[str, ...] = ("VLP-16", "Mid-360")
     imu: str = "mid360"
-    systems: tuple[str, ...] = (*KISS_SLAM, "RKO-LIO", "small_gicp")
+    systems: tuple[str, ...] = (*OF_KISS_SLAM, "RKO-LIO", "small_gicp")
     inertial: tuple[str, ...] = (*TRACKED, *RUN)
     seconds: float = 90.0
 
@@ -57,9 +57,9 @@ class Choice(DriveOptions):
 def cases(options: Choice) -> list[DriveCase]:
     """Each sensor on each carrier in each drive, with all systems and variants."""
     systems = options.systems
-    if which(COMMAND) is None:
-        print(f"other_slam: no command {COMMAND}; KISS-SLAM is left out", file=sys.stderr)
-        systems = tuple(system for system in systems if system not in KISS_SLAM)
+    if which(KISS_SLAM) is None:
+        print(f"other_slam: no command {KISS_SLAM}; KISS-SLAM is left out", file=sys.stderr)
+        systems = tuple(system for system in systems if system not in OF_KISS_SLAM)
     variants = (*(f"{ANCHOR}{system}" for system in systems), *options.inertial)
     return [
         DriveCase(**drive, carrier=carrier, sensor=sensor, imu=options.imu, variant=variant)
@@ -78,7 +78,7 @@ def measure(case: DriveCase, work: Path) -> Record:
     drive, system = drive_of(case, work), case.variant.removeprefix(ANCHOR)
     with TemporaryDirectory(prefix="other.", dir=work) as name:
         path, alone = _output(system, drive, Path(name))
-        scans = None if system == KISS_SLAM[1] else drive.folder
+        scans = None if system == OF_KISS_SLAM[1] else drive.folder
         began = process_time()
         metrics = _anchor(path, scans, drive.plan, Path(name) / "anchored")
         anchored = Trajectory.read_tum(Path(name) / "anchored" / "trajectory_all.tum")
@@ -101,8 +101,8 @@ def _alarms(metrics: Mapping[str, Any]) -> list[str]:
 def _output(system: str, drive: Drive, folder: Path) -> tuple[Path, Trajectory]:
     """What a system writes, and its poses at the instants at which they hold, the ends of the scans."""
     ends = _ends_ns(drive.scans())
-    if system in KISS_SLAM:
-        results = kiss_slam_results(COMMAND, drive.folder, folder)
+    if system in OF_KISS_SLAM:
+        results = kiss_slam_results(drive.folder, folder)
         return results, Trajectory(_ends_ns(ScanFolder(drive.folder)), read_kiss_poses(results).poses)
     poses = Trajectory(ends, ODOMETRIES[system](drive.scans(), drive.samples).poses)
     poses.write_tum(folder / "poses.tum")

@@ -98,20 +98,11 @@ def measure(case: SecondRun, work: Path) -> Record:
     until_ns = begins + round(1e9 * (found_s or 0.0))
     between = (second.truth.stamps_ns >= begins) & (second.truth.stamps_ns <= until_ns)
     steps = np.linalg.norm(np.diff(second.truth.positions[between], axis=0), axis=1)
-    return (
-        described(case)
-        | outcome.measures()
-        | {
-            "found": result.relocalisation.found,
-            "found_s": found_s,
-            "found_m": None if found_s is None else float(steps.sum()),
-            "reason": result.relocalisation.reason,
-            "first_m": _rmse(before.trajectory, first.truth),
-            "first_after_m": _rmse(result.earlier[0], first.truth) if result.relocalisation.found else None,
-            "rooms_first": len(before.s_graph.rooms),
-            "rooms_both": len(result.s_graph.rooms),
-        }
-    )
+    found = result.relocalisation.found
+    facts = {"found": found, "found_s": found_s, "reason": result.relocalisation.reason}
+    facts |= {"found_m": None if found_s is None else float(steps.sum()), "first_m": _ate(before.trajectory, first)}
+    facts["first_after_m"] = _ate(result.earlier[0], first) if found else None
+    return described(case) | outcome.measures() | facts
 
 
 def _first_run(drive: Drive, plan: SceneGraph | None, folder: Path) -> Result:
@@ -142,9 +133,9 @@ def _outcome(result: Result, truth_in_bim: Trajectory, scans: int, T_bim_run: Ar
     )
 
 
-def _rmse(found: Trajectory, truth_in_bim: Trajectory) -> float:
-    """After alignment: the shape of the map."""
-    return ape(found, truth_in_bim, "se3").translation.rmse
+def _ate(found: Trajectory, drive: Drive) -> float:
+    """The RMSE (m) after alignment: the shape of the map."""
+    return ape(found, drive.truth, "se3").translation.rmse
 
 
 def forget(case: SecondRun, work: Path) -> None:
