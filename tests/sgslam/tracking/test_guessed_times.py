@@ -20,7 +20,7 @@ from sgslam.perception.point_times import GuessedTimes, guessed_times
 
 Ints = NDArray[np.int64]
 PERIOD = 0.1  # s
-REAL = Path(__file__).resolve().parents[3] / "shared/data/scans/vlp16_room_corridor"
+REAL = Path(__file__).resolve().parents[4] / "shared/data/scans/vlp16_room_corridor"
 FILTERED = 6  # the one of the real scans that was filtered: its points are in no order
 
 
