@@ -42,9 +42,7 @@ def told(rough: float, error: float, seed: int, per_cell: int = 40) -> float:
         chosen_points = both[chosen]
         knot, share, knots = np.zeros(len(chosen_points), np.int64), np.zeros(len(chosen_points)), np.eye(4)[None]
         moved, plane_of = planes_of(chosen_points, knot, share, knots, surfels.arrays, -1.0, 1.2, error)
-        add_points(
-            moved, plane_of, knot, share, knots, surfels.planes, error, KERNEL + error, 0.1**2, 0.1, 0, H, g, F
-        )
+        add_points(moved, plane_of, knot, share, knots, surfels.planes, error, KERNEL + error, 0.1**2, 0.1, 0, H, g, F)
         total.append(float(H[5, 5]))
     return total[0] - total[1]
 

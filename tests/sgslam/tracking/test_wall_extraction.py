@@ -163,4 +163,3 @@ def test_two_sides_of_a_partition_face_apart() -> None:
 def test_too_few_points_give_nothing(count: int) -> None:
     points = np.random.default_rng(0).uniform(1, 2, (count, 3))
     assert walls_of(points, 0.8) == []
-
