@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from boxes import Array
+from boxes import pose
 
 from sgslam.config import TrackingSettings
 from sgslam.registration.health import innovation, judged
@@ -15,11 +15,8 @@ SURE = 1e-6 * np.eye(6)
 
 def solved(found: int = 1000, close: int = 1000, off: float = 0.0, turned: float = 0.0) -> Solved:
     """A window whose last knot is so many metres and radians off the predicted one; 3 mm and mrad are its sigma."""
-    predicted = np.tile(np.eye(4), (2, 1, 1))
-    knots = predicted.copy()
-    knots[-1, 0, 3] = off
-    knots[-1, :2, :2] = [[np.cos(turned), -np.sin(turned)], [np.sin(turned), np.cos(turned)]]
-    information = 1e6 * np.eye(12)
+    predicted, information = np.tile(np.eye(4), (2, 1, 1)), 1e6 * np.eye(12)
+    knots = np.stack([np.eye(4), pose(off, 0, 0, turned)])
     return Solved(np.array([0.0, 0.1]), knots, predicted, information, 0.9 * information, 1000, found, close, 0.01)
 
 
@@ -28,18 +25,19 @@ def health(window: Solved, relative: float = 1.0, was_lost: bool = False, **sett
 
 
 @pytest.mark.parametrize(
-    ("found", "close", "relative", "was_lost", "expected"),
+    ("found", "close", "within", "beyond", "was_lost"),
     [
-        (1000, 700, 1.0, False, "good"), (1000, 699, 1.0, False, "lost"),  # the points contradict surfaces
-        (450, 440, 0.4, False, "good"), (450, 440, 0.399, False, "lost"),  # much less that is known than before
-        (450, 440, 0.85, True, "good"), (450, 440, 0.849, True, "lost"),  # found again only where it fits as usual
-        (1000, 699, 0.3, False, "lost"),
+        (450, 440, 0.4, 0.399, False),  # much less that is known than before
+        (450, 440, 0.85, 0.849, True),  # found again only where it fits as usual
+        (1000, 700, 0.4, 0.3, False),
     ],
-)  # fmt: skip
+)
 def test_a_scan_is_lost_where_its_surfaces_or_the_map_say_otherwise(
-    found: int, close: int, relative: float, was_lost: bool, expected: str
+    found: int, close: int, within: float, beyond: float, was_lost: bool
 ) -> None:
-    assert health(solved(found, close), relative, was_lost) == expected
+    assert health(solved(found, close), within, was_lost) == "good"
+    assert health(solved(found, close), beyond, was_lost) == "lost"
+    assert health(solved(1000, 699), within, was_lost) == "lost"  # the points contradict surfaces
 
 
 @pytest.mark.parametrize(
@@ -48,34 +46,18 @@ def test_a_scan_is_lost_where_its_surfaces_or_the_map_say_otherwise(
 )
 def test_a_scan_is_lost_where_its_pose_contradicts_the_prediction(off: float, turned: float, expected: str) -> None:
     assert health(solved(off=off, turned=turned)) == expected  # squares of 7.75 sigmas are 60
-
-
-def test_a_pose_as_far_off_as_is_allowed_is_not_lost() -> None:
-    window = solved(off=0.01)
-    assert innovation(window) == pytest.approx(10.0)
-    assert health(window, innovation=innovation(window)) == "good"
-
-
-def covariance(axis: int, sigma: float) -> Array:
-    found = SURE.copy()
-    found[axis, axis] = sigma**2
-    return found
+    assert health(solved(off=off, turned=turned), innovation=innovation(solved(off=off, turned=turned))) == "good"
 
 
 @pytest.mark.parametrize(("axis", "limit"), [(0, 0.03), (2, 0.03), (3, 0.1), (5, 0.1)])
 def test_a_direction_that_is_not_constrained_degrades_a_scan(axis: int, limit: float) -> None:
-    settings = TrackingSettings()
-    within, beyond = covariance(axis, 0.99 * limit), covariance(axis, 1.01 * limit)
-    found, weak = judged(solved(), beyond, 1.0, False, settings)
-    assert found == "degraded"
-    assert np.abs(weak) == pytest.approx(np.eye(6)[[axis]])
-    # a sensor that was lost is not found by a pose that may be anywhere along some direction
-    assert [judged(solved(), C, 1.0, lost, settings)[0] for C in (within, beyond) for lost in (False, True)] == [
-        "good", "good", "degraded", "lost",
-    ]  # fmt: skip
-
-
-def test_a_direction_as_uncertain_as_is_allowed_is_constrained() -> None:
-    settings = TrackingSettings(degraded_rotation=0.25, degraded_translation=0.25)
-    for axis in range(6):
-        assert judged(solved(), covariance(axis, 0.25), 1.0, False, settings)[0] == "good"
+    """A sensor that was lost is not found by a pose that may be anywhere along some direction."""
+    for share, lost, expected in ((0.99, 0, "good"), (0.99, 1, "good"), (1.01, 0, "degraded"), (1.01, 1, "lost")):
+        covariance = SURE.copy()
+        covariance[axis, axis] = (share * limit) ** 2
+        found, weak = judged(solved(), covariance, 1.0, bool(lost), TrackingSettings())
+        assert found == expected
+        assert np.abs(weak) == pytest.approx(np.eye(6)[[axis] if found == "degraded" else []])
+    settings = TrackingSettings(degraded_rotation=0.25, degraded_translation=0.25)  # squares without rounding
+    covariance[axis, axis] = 0.25**2
+    assert judged(solved(), covariance, 1.0, False, settings)[0] == "good"
