@@ -5,7 +5,7 @@ from copy import deepcopy
 import numpy as np
 import pytest
 from boxes import Array, pose, scan, scene_of
-from walks import SCAN_NS, furnished, straight, ways_off
+from walks import CORRIDOR, SCAN_NS, furnished, straight, ways_off
 
 from sgslam.config import Config, OdometrySettings, TrackingSettings
 from sgslam.geometry.frames import inverse
@@ -14,7 +14,6 @@ from sgslam.odometry.given_motion import GivenMotion
 from sgslam.registration import Registration
 from sgslam.tracking import RunTracker, TrackedScan
 
-CORRIDOR = scene_of([(-70, -1.2, -0.1, 70, 1.2, 0.0), (-70, -1.4, 0, 70, -1.2, 2.6), (-70, 1.2, 0, 70, 1.4, 2.6)])
 NOTHING = np.zeros((0, 3))
 
 
@@ -72,7 +71,7 @@ def test_along_a_bare_corridor_the_given_steps_hold() -> None:
     """Who stops and goes where the walls do not show it is told so by the steps alone."""
     speed = np.repeat([1.2, 0.0, 1.2, 0.0], 15)
     poses = [pose(x, 0.0, 1.2) for x in np.concatenate([[0.0], np.cumsum(speed * 0.1)])]
-    scans = [scan(CORRIDOR, T, seed=k) for k, T in enumerate(poses)]
+    scans = [scan(scene_of(CORRIDOR), T, seed=k) for k, T in enumerate(poses)]
     told, untold = (ways_off(registered(scans, by), poses).max() for by in (jittering(poses, 0.02, 0.01), []))
     assert told < 0.3 and untold > 2 * told
 

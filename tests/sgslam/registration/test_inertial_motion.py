@@ -1,4 +1,4 @@
-"""What an IMU tells of the motion between knots: turns, changes of the velocity, up, and the biases."""
+"""What an IMU tells: turns between knots, changes of the velocity, up, its biases, and the offset of its clock."""
 
 from collections.abc import Callable
 from itertools import pairwise
@@ -11,11 +11,13 @@ from walks import SCAN_NS, off, rolling, swept
 
 from data.imu import ImuSamples
 from data.simulation.imu import ImuModel, measured
-from sgslam.config import ImuSettings, TrackingSettings
+from sgslam.config import ImuSettings, OdometrySettings, TrackingSettings
 from sgslam.geometry.frames import inverse
 from sgslam.inertial import NO_TURNS, Gyroscope, ImuBuffer, MeasuredMotion, measured_up
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
-from sgslam.registration.types import Motion
+from sgslam.odometry.given_motion import GivenMotion
+from sgslam.registration import Motion
+from sgslam.tracking.clock_offset import ClockOffset
 
 SECONDS = np.arange(0.0, 1.01, 0.1)
 KNOTS = np.arange(0.5, 1.01, 0.05)
@@ -48,10 +50,6 @@ def felt(moved: Callable[[Array], Array], seconds: float = 2.0, bias: tuple[Arra
     samples = measured(moved, seconds, ImuModel(), 0)
     gyro, accel = bias or (np.zeros(3), np.zeros(3))
     return ImuSamples(samples.stamps_ns, samples.gyro + gyro, samples.accel + accel)
-
-
-def part_of(samples: ImuSamples, kept: Array) -> ImuSamples:
-    return ImuSamples(samples.stamps_ns[kept], samples.gyro[kept], samples.accel[kept])
 
 
 def buffer(samples: ImuSamples | None, **settings: object) -> ImuBuffer:
@@ -100,7 +98,8 @@ def test_where_samples_are_missing_or_up_is_unknown_nothing_is_told() -> None:
     silent, knots = gyroscope(None), walking(SECONDS)
     assert silent.between(SECONDS) is NO_TURNS and np.array_equal(silent.turned(SECONDS, knots), knots)
     samples = felt(walking)
-    gap = part_of(samples, (samples.stamps_ns < 3 * 10**8) | (samples.stamps_ns > 5 * 10**8))
+    kept = (samples.stamps_ns < 3 * 10**8) | (samples.stamps_ns > 5 * 10**8)
+    gap = ImuSamples(samples.stamps_ns[kept], samples.gyro[kept], samples.accel[kept])
     known = gyroscope(gap).between(SECONDS).information > 0
     assert list(known[[0, 3, 4, 7]]) == [True, False, False, True]
     motion, late = motion_by(felt(shaken)), KNOTS + 3.0
@@ -210,3 +209,52 @@ def test_a_quick_hand_is_followed_many_times_better_with_an_imu() -> None:
         pairs = zip(pairwise(found[5:]), pairwise(true[5:]), strict=True)
         errors.append(np.median([off(inverse(a) @ b, inverse(c) @ d)[0] for (a, b), (c, d) in pairs]))
     assert errors[0] > 0.01 and errors[1] < errors[0] / 5, errors
+
+
+def hand(seconds: Array, faster: float = 1.0) -> Array:
+    """One that sways, on a walk on a wide circle."""
+    at = faster * seconds
+    sways = [0.2 * at, 0.06 * np.sin(7.0 * at), 0.05 * np.sin(4.3 * at + np.sin(0.7 * at))]
+    return poses_of(sways, [0 * at, 0 * at, 0 * at])
+
+
+def inertial(milliseconds: float, faster: float = 1.0) -> ImuBuffer:
+    """An IMU whose stamps are so much later than those of the scans."""
+    samples = felt(lambda seconds: hand(seconds, faster), 20.0)
+    return buffer(ImuSamples(samples.stamps_ns + round(1e6 * milliseconds), samples.gyro, samples.accel))
+
+
+def given(milliseconds: float) -> GivenMotion:
+    other, seconds = GivenMotion(OdometrySettings()), np.arange(0.0, 20.0, 0.05)
+    for second, T in zip(seconds, hand(seconds), strict=True):
+        other.add(round(1e9 * second + 1e6 * milliseconds), T)
+    return other
+
+
+def compared(other: ImuBuffer | GivenMotion, moves: bool = True) -> ClockOffset:
+    """With poses that registration finds, off by a twentieth of a degree about each axis; restored after each."""
+    clock, rng = ClockOffset(), np.random.default_rng(0)
+    for second in np.arange(0.0, 20.0, 0.1):
+        R = hand(np.array([second]))[0, :3, :3] if moves else np.eye(3)
+        error = Rotation.from_rotvec(rng.normal(0.0, 0.0009, 3)).as_matrix()
+        clock.add(round(1e9 * second), R @ error, other, "the IMU")
+        state, clock = clock.state(), ClockOffset()
+        clock.restore(state)
+    return clock
+
+
+@pytest.mark.parametrize("milliseconds", [0.0, 5.0, -5.0, 15.0, -15.0, 50.0, -100.0])
+@pytest.mark.parametrize("make", [inertial, given])
+def test_an_offset_of_the_clocks_of_ten_milliseconds_is_reported(
+    make: Callable[[float], ImuBuffer | GivenMotion], milliseconds: float
+) -> None:
+    clock = compared(make(milliseconds))
+    found = clock.offset_s()
+    assert found is not None and 1e3 * found[0] == pytest.approx(milliseconds, abs=2.5)
+    assert (clock.advice is not None) == (abs(milliseconds) > 10)
+    assert clock.advice is None or ("ahead" if milliseconds > 0 else "behind") in clock.advice
+
+
+def test_no_offset_is_reported_of_a_sensor_that_stands_of_another_motion_and_across_gaps() -> None:
+    for clock in (compared(inertial(50), False), compared(inertial(50, 1.37)), compared(inertial(5000 - 2e6))):
+        assert clock.offset_s() is None and clock.advice is None

@@ -1,17 +1,23 @@
-"""The surfel map: sides of walls, cells of several sizes, forgetting; and the normals that a scan itself shows."""
+"""The surfel map: sides of walls, cells of several sizes, forgetting; what a scan sees through, and its normals."""
 
 from typing import Any
 
 import numpy as np
 import pytest
-from boxes import Array
+from boxes import Array, Box, pose, room, scan, scene_of
+from walks import SCAN_NS
 
+from sgslam.config import TrackingSettings
+from sgslam.geometry.frames import transform_points
+from sgslam.odometry.continuous_time import ContinuousTimeOdometry
+from sgslam.registration.free_space import shares_seen_through
 from sgslam.registration.sampling import normals_at
 from sgslam.surfels import SurfelMap
 from sgslam.surfels.search import nearest_plane
+from sgslam.tracking.level_frame import add_seen
 
+Point = tuple[float, float, float]
 AHEAD = np.array([1.0, 0.0, 0.0])
-BELOW = np.array([-1.8, 0.0, -1.0])  # to the sensor from a point high on the wall
 
 
 def wall(x: float, noise: float = 0.01, seed: int = 0, points: int = 4000) -> Array:
@@ -29,13 +35,9 @@ def known(*seen: tuple[Array, Array]) -> SurfelMap:
 
 
 def nearest(
-    point: tuple[float, float, float],
-    surfels: SurfelMap,
-    to_sensor: Array = -AHEAD,
-    way: float = 0.0,
-    error: float = 0.0,
-    normal: tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> Array | None:
+    point: Point, surfels: SurfelMap, to_sensor: Array = -AHEAD, way: float = 0.0, error: float = 0.0,
+    normal: Point = (0.0, 0.0, 0.0),
+) -> Array | None:  # fmt: skip
     """The plane nearest to a point, known to an error and with a normal, that a sensor sees from a way off."""
     at = np.array(point)
     found = nearest_plane(at, at + to_sensor, np.array(normal), 1.2, error, surfels.arrays, way - 100.0)
@@ -70,7 +72,7 @@ def test_a_step_within_a_large_cell_is_known_by_the_small_ones() -> None:
     ],
 )
 def test_a_plane_is_known_where_and_from_where_it_was_seen(
-    point: tuple[float, float, float], options: dict[str, Any], is_known: bool
+    point: Point, options: dict[str, Any], is_known: bool
 ) -> None:
     points = wall(2.4)
     surfels = known((points[points[:, 2] < 1.5] if point[2] > 1.3 else points, AHEAD))
@@ -78,32 +80,26 @@ def test_a_plane_is_known_where_and_from_where_it_was_seen(
 
 
 @pytest.mark.parametrize(
-    ("point", "normal", "expected"),
+    ("x", "z", "normal", "expected"),
     [
-        (
-            (2.39, 0.3, 1.92),
-            None,
-            "wall",
-        ),  # off the ceiling, in the cell above, which has a strip of the wall
-        ((2.39, 0.3, 2.15), None, "ceiling"),  # more than a hand's breadth beyond the wall's cell
-        # what fits both is on neither
-        ((2.40, 0.3, 1.985), None, None),
-        ((2.39, 0.3, 1.985), None, None),
-        ((2.37, 0.3, 1.985), None, "ceiling"),
-        ((2.10, 0.3, 1.985), None, "ceiling"),
-        # unless the scan shows the normal
-        ((2.39, 0.3, 1.985), (0.0, 0.0, 1.0), "ceiling"),
-        ((2.39, 0.3, 1.84), (1.0, 0.0, 0.0), "wall"),
+        (2.39, 1.92, (0, 0, 0), "wall"),  # off the ceiling, in the cell above the wall's, which has a strip of it
+        (2.39, 2.15, (0, 0, 0), "ceiling"),  # more than a hand's breadth beyond the wall's cell
+        (2.40, 1.985, (0, 0, 0), None),  # what fits both is on neither
+        (2.39, 1.985, (0, 0, 0), None),
+        (2.37, 1.985, (0, 0, 0), "ceiling"),
+        (2.10, 1.985, (0, 0, 0), "ceiling"),
+        (2.39, 1.985, (0, 0, 1), "ceiling"),  # unless the scan shows the normal
+        (2.39, 1.84, (1, 0, 0), "wall"),
     ],
 )
 def test_a_wall_goes_on_beyond_its_cell_below_a_ceiling(
-    point: tuple[float, float, float], normal: tuple[float, float, float] | None, expected: str | None
+    x: float, z: float, normal: Point, expected: str | None
 ) -> None:
     """A wall at x = 2.4 m, seen up to a height of 1.85 m, and the ceiling at 2 m."""
     rng, points = np.random.default_rng(0), wall(2.4, 0.005)
     ceiling = np.c_[rng.uniform(1, 2.4, 4000), rng.uniform(-2, 2, 4000), 2.0 + rng.normal(0, 0.005, 4000)]
     surfels = known((points[points[:, 2] < 1.85], AHEAD), (ceiling, np.array([0.8, 0.0, 0.6])))
-    plane = nearest(point, surfels, BELOW, normal=normal or (0.0, 0.0, 0.0))
+    plane = nearest((x, 0.3, z), surfels, np.array([-1.8, 0.0, -1.0]), normal=normal)
     found = None if plane is None else {0: "wall", 2: "ceiling"}[int(np.argmax(np.abs(plane[:3]) > 0.99))]
     assert found == expected
 
@@ -114,12 +110,91 @@ def test_rings_a_hand_apart_show_the_wall_and_one_ring_no_normal(
     elevations_deg: list[float], below: float, shown: bool, seed: int
 ) -> None:
     """The points of one spread along their rays by noise, and so do not show the cone that they lie on."""
-    rng, azimuth, found = np.random.default_rng(seed), np.linspace(0.01, 0.23, 40) / 2.6, []
-    for elevation in np.radians(elevations_deg):
-        ray = np.c_[np.ones(40), np.tan(azimuth), np.full(40, np.tan(elevation)) / np.cos(azimuth)]
-        found.append(ray * (2.6 + rng.normal(0, 0.02, (40, 1))))
-    points = np.concatenate(found) - [0.0, 0.0, below]
-    normals = normals_at(points, np.arange(len(points)), 0.25)
+    a, e = np.meshgrid(np.linspace(0.01, 0.23, 40) / 2.6, np.radians(elevations_deg))
+    ranges = 2.6 + np.random.default_rng(seed).normal(0, 0.02, a.size)
+    points = np.c_[np.ones(a.size), np.tan(a).ravel(), (np.tan(e) / np.cos(a)).ravel()] * ranges[:, None]
+    normals = normals_at(points - [0.0, 0.0, below], np.arange(a.size), 0.25)
     some = normals[np.abs(normals).any(axis=1)]
-    assert len(some) > 0.5 * len(points) if shown else not len(some)
+    assert len(some) > 0.5 * a.size if shown else not len(some)
     assert (np.abs(some[:, 0]) > 0.9).all()
+
+
+SMALL, LARGE = room(-2, -2, 2, 2), room(-4, -4, 4, 4)
+LARGER = room(-2, -2, 3.5, 3.5)  # shares two walls and a corner with the small one
+HERE = pose(0.3, 0.2, 1.2)
+
+
+def mapped(boxes: list[Box]) -> SurfelMap:
+    """A room as a few scans show it."""
+    surfels = SurfelMap()
+    for k, (x, y) in enumerate([(0.0, 0.0), (0.5, 0.2), (-0.5, 0.4), (0.2, -0.6)]):
+        T = pose(x, y, 1.2, yaw=0.3 * k, pitch=0.1 * k)
+        add_seen(surfels, scan(scene_of(boxes), T, seed=k), T)
+    return surfels
+
+
+def seen_through(there: list[Box], T: Array, surfels: SurfelMap, beyond: float = -np.inf) -> tuple[float, float]:
+    """By a scan, as far as its points have a larger x."""
+    points = transform_points(T, scan(scene_of(there), T, seed=9))
+    return shares_seen_through(points[points[:, 0] > beyond], T[:3, 3].copy(), surfels.arrays, -1.0)
+
+
+def test_a_larger_room_is_seen_through_the_walls_of_a_smaller_one() -> None:
+    for there, surfels in ((SMALL, SMALL), (LARGE, LARGE), (SMALL, LARGE)):
+        assert seen_through(there, HERE, mapped(surfels))[1] < 0.01
+    assert seen_through(LARGE, HERE, mapped(SMALL))[1] > 0.2
+
+
+@pytest.mark.parametrize(
+    ("sensor", "point", "expected"),
+    [
+        ((3.0, 0.0, 1.2), (1.5, 0.0, 1.0), (0.0, 0.0)),  # from outside, a room's inner faces are not what a ray meets
+        ((0.0, 0.0, 1.2), (2.4, 0.0, 1.2), (0.0, 0.0)),  # a point just behind a wall may be of that wall
+        ((0.0, 0.0, 1.2), (2.7, 0.0, 1.2), (1.0, 0.5)),
+    ],
+)
+def test_the_far_side_of_a_wall_hides_nothing(sensor: Point, point: Point, expected: tuple[float, float]) -> None:
+    assert shares_seen_through(np.array([point]), np.array(sensor), mapped(SMALL).arrays, -1.0) == expected
+
+
+def test_a_small_wall_is_seen_through_where_most_rays_pass_it_but_a_person_was_none() -> None:
+    """Of a long corridor, whose surfaces are many; a person filled as much of the view."""
+    limit, corridor, panel = TrackingSettings().seen_through, room(-20, -1, 20, 1), (0.9, -1.0, 0.0, 1.0, 1.0, 2.6)
+    of_rays, of_surfaces = seen_through(corridor, pose(0.3, 0.0, 1.2), mapped([*corridor, panel]), beyond=1.6)
+    assert of_rays > 0.6 and of_surfaces < limit
+    with_person = mapped([*SMALL, (0.35, -0.1, 0.0, 0.85, 0.5, 1.7)])
+    assert np.linalg.norm(with_person.surfels()[0] - HERE[:3, 3], axis=1).min() < 0.4
+    assert seen_through(SMALL, HERE, with_person)[1] < 0.5 * limit
+
+
+def opened(width: float) -> list[Box]:
+    """The small room, with an opening of a width (m) in one wall to a space behind it."""
+    wall = (-2.2, 2, 0, 2.2, 2.2, 2.6)
+    pieces: list[Box] = [(-2.2, 2, 0, -width / 2, 2.2, 2.6), (width / 2, 2, 0, 2.2, 2.2, 2.6)]
+    return [*(box for box in SMALL if box != wall), *pieces, *room(-2, 2.2, 2, 3.5)[1:]]
+
+
+@pytest.mark.parametrize(
+    ("there", "limit", "scans", "there_lost", "back_lost"),
+    [
+        # they may have been people who went away; after half a second, they stay seen through
+        (LARGER, 0.1, 3, True, False),
+        (LARGER, 0.1, 8, True, True),
+        (LARGER, 1.0, 1, False, False),  # half of its points are where walls were known
+        (opened(1.2), 0.1, 1, False, False),  # a door
+        (opened(4.0), 0.1, 1, True, False),
+    ],
+)
+def test_a_room_whose_walls_stand_behind_the_known_ones_is_another_one(
+    there: list[Box], limit: float, scans: int, there_lost: bool, back_lost: bool
+) -> None:
+    """Eight scans in the small room, some in another one, and one in the first again."""
+    odometry, lost, off = ContinuousTimeOdometry(TrackingSettings(seen_through=limit)), [], []
+    small, other = scene_of(SMALL), scene_of(there)
+    for k in range(8 + scans + 1):
+        T = pose(0.05 * k, 0.2, 1.2)
+        found = odometry.register(k * SCAN_NS, scan(other if 8 <= k < 8 + scans else small, T, seed=k))
+        lost.append(found.health == "lost")
+        off.append(abs(found.T_odom_sensor[0, 3] - T[0, 3]))
+    assert lost == [*[False] * 8, *[there_lost] * scans, back_lost]
+    assert max(off[:11]) < 0.03 and (off[-1] > 0.15 if back_lost else off[-1] < 0.03)

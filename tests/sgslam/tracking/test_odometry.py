@@ -106,15 +106,12 @@ def test_the_command_takes_a_file(tmp_path: Path) -> None:
     poses = inverse(drive.truth.poses[0]) @ drive.truth.poses[: count + 2]
     given = Trajectory(drive.truth.stamps_ns[: count + 2 : 2], poses[::2])
     given.write_tum(tmp_path / "given.tum")
-    command = ("sgslam.run", "--single-pass", "--scan-dir", tmp_path / "scans", "--out", tmp_path / "out")
-    done = called(*command, "--odometry", tmp_path / "given.tum")
+    command = ("sgslam.run", "--single-pass", "--scan-dir", tmp_path / "scans", "--odometry", tmp_path / "given.tum")
+    done = called(*command, "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     odometry = Trajectory.read_tum(tmp_path / "out" / "trajectory_odometry.tum")
     moved = inverse(odometry.poses[0]) @ odometry.poses[::2]  # the run's frame is level
     np.testing.assert_allclose(moved, given.poses[: count // 2], atol=1e-6)
-    Trajectory(given.stamps_ns[:2], given.poses[:2]).write_tum(tmp_path / "short.tum")
-    done = called(*command, "--odometry", tmp_path / "short.tum")
-    assert done.returncode == 2 and done.stderr.splitlines()[-1].startswith("error: ") and "covers" in done.stderr
 
 
 @pytest.mark.parametrize("method", ["kiss", "small_gicp"])
