@@ -2,7 +2,7 @@
 
 import functools
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,8 +16,11 @@ from sgslam.registration import Registration
 from sgslam.registration.beliefs import Belief
 from sgslam.registration.sampling import TimedPoints
 from sgslam.serialization.state_tree import Packer, Unpacker
+from sgslam.surfels import SurfelMap
+from sgslam.tracking.level_frame import add_seen
 
 SCAN_NS = 100_000_000
+HERE = np.eye(4)
 SENSOR = SpinningSensor(azimuths=360)
 FURNISHED: list[Box] = [*room(0, 0, 8, 5), (4.5, 3.2, 0, 5.1, 5, 2.6), (0, 0, 0, 1.2, 0.6, 1.8), (7, 1.5, 0, 8, 2, 2.6)]
 WITH_DOOR: list[Box] = [(4.9, 0, 0, 5.0, 2.5, 2.6), (4.9, 3.4, 0, 5.0, 6, 2.6), (4.9, 2.5, 2.1, 5.0, 3.4, 2.6)]
@@ -60,6 +63,16 @@ def bow(seed: int = 0) -> tuple[list[Array], list[Array]]:
     return [scan(furnished(), T, SENSOR, 100 * seed + i) for i, T in enumerate(poses)], poses
 
 
+def surfels_of(
+    scene: TriangleScene, poses: Iterable[Array], sensor: SpinningSensor | None = None, T: Array = HERE, seed: int = 0
+) -> SurfelMap:
+    """What scans at poses show, in the frame to which T (4, 4) leads from the scene's."""
+    surfels = SurfelMap()
+    for k, T_scene_sensor in enumerate(poses, seed):
+        add_seen(surfels, scan(scene, T_scene_sensor, sensor, k), T @ T_scene_sensor)
+    return surfels
+
+
 def swept(
     scene: TriangleScene,
     moved: Callable[[Array], Array],
@@ -99,6 +112,13 @@ def off(T_a: Array, T_b: Array) -> tuple[float, float]:
 def ways_off(found: list[Registration], poses: list[Array]) -> Array:
     """(N,) metres from the true motion since the first scan."""
     return np.array([off(f.T_odom_sensor, inverse(poses[0]) @ T)[0] for f, T in zip(found, poses, strict=True)])
+
+
+def step_errors(found: list[Registration], truth: Sequence[Array] | Array, scans: int = 1) -> Array:
+    """(N, 2) metres and radians by which the motions over so many scans are wrong."""
+    poses = [result.T_odom_sensor for result in found]
+    pairs = zip(poses, poses[scans:], truth, truth[scans:], strict=False)
+    return np.array([off(inverse(a) @ b, inverse(c) @ d) for a, b, c, d in pairs])
 
 
 def from_file(state: dict[str, Any]) -> Any:

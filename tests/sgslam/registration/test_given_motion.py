@@ -1,18 +1,15 @@
 """Poses of another system as measurements: steps between knots, and what registration makes of them."""
 
-from copy import deepcopy
-
 import numpy as np
 import pytest
 from boxes import Array, pose, scan, scene_of
 from walks import CORRIDOR, SCAN_NS, furnished, straight, ways_off
 
-from sgslam.config import Config, OdometrySettings, TrackingSettings
+from sgslam.config import OdometrySettings, TrackingSettings
 from sgslam.geometry.frames import inverse
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.odometry.given_motion import GivenMotion
 from sgslam.registration import Registration
-from sgslam.tracking import RunTracker, TrackedScan
 
 NOTHING = np.zeros((0, 3))
 
@@ -98,18 +95,3 @@ def test_steps_that_are_metres_wrong_do_no_harm() -> None:
     poses = straight(25)
     found = registered(seen(poses), jittering(poses, 1.5, 0.5))
     assert healths(found) == {"good"} and ways_off(found, poses).max() < 0.02
-
-
-def test_a_tracker_that_is_restored_goes_on_alike() -> None:
-    poses = straight(50)
-    told, config = jittering(poses, 0.05, 0.02), Config(odometry=OdometrySettings(given="measured"))
-    one, other = RunTracker(config), RunTracker(config)
-    for k, points in enumerate(seen(poses)):
-        if k == 40:
-            other.restore(deepcopy(one.state()))
-        trackers = (one, other) if k >= 40 else (one,)
-        found = [tracker.track(SCAN_NS * k, points, np.zeros(len(points)), told[k]) for tracker in trackers]
-        for a, b in zip(*found, strict=True) if k >= 40 else ():
-            assert isinstance(a, TrackedScan) and isinstance(b, TrackedScan)
-            assert a.raw.T_odom_sensor is None and a.health == "good"  # registered, not taken as it is
-            assert np.array_equal(a.T_odom_sensor, b.T_odom_sensor)

@@ -14,6 +14,7 @@ from sgslam.registration import Registration
 from sgslam.registration.health import innovation, judged
 from sgslam.registration.window import Solved
 
+Driven = tuple[list[Registration], dict[str, Any]]  # the results and the state
 SURE = 1e-6 * np.eye(6)
 
 
@@ -36,9 +37,7 @@ def health(window: Solved, relative: float = 1.0, was_lost: bool = False, **sett
         (1000, 700, 0.4, 0.3, False),
     ],
 )
-def test_a_scan_is_lost_where_its_surfaces_or_the_map_say_otherwise(
-    found: int, close: int, within: float, beyond: float, was_lost: bool
-) -> None:
+def test_a_scan_is_lost_by_its_share(found: int, close: int, within: float, beyond: float, was_lost: bool) -> None:
     assert health(solved(found, close), within, was_lost) == "good"
     assert health(solved(found, close), beyond, was_lost) == "lost"
     assert health(solved(1000, 699), 1.0, was_lost) == "lost"  # the points contradict surfaces
@@ -87,8 +86,8 @@ def test_along_a_bare_corridor_a_scan_is_degraded(more: list[Box], feigned: floa
 
 
 @pytest.fixture(scope="module")
-def driven() -> tuple[list[Registration], dict[str, Any]]:
-    """The results and the state of an odometry that is lost after a steady drive."""
+def driven() -> Driven:
+    """Of an odometry that is lost after a steady drive."""
     odometry, poses = ContinuousTimeOdometry(TrackingSettings()), straight(25)
     found = [odometry.register(SCAN_NS * k, scan(furnished(), T, seed=k)) for k, T in enumerate(poses)]
     assert {result.health for result in found} == {"good"}
@@ -100,9 +99,7 @@ def driven() -> tuple[list[Registration], dict[str, Any]]:
 
 
 @pytest.mark.parametrize(("x", "y", "yaw", "near"), [(2.5, 2.9, -1.2, True), (3.3, 1.6, -1.2, True), (12, 2, 0, False)])
-def test_a_lost_sensor_is_found_again_near_by_but_not_in_another_room(
-    driven: tuple[list[Registration], dict[str, Any]], x: float, y: float, yaw: float, near: bool
-) -> None:
+def test_a_lost_sensor_is_found_again_near_by_only(driven: Driven, x: float, y: float, yaw: float, near: bool) -> None:
     lost, other = ContinuousTimeOdometry(TrackingSettings()), ContinuousTimeOdometry(TrackingSettings())
     lost.restore(deepcopy(driven[1]))
     scene = scene_of([*FURNISHED, *room(11, 0, 14, 9), (12, 5, 0, 13, 6, 1.2)])

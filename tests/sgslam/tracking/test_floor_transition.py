@@ -36,9 +36,7 @@ def test_a_raised_floor_is_no_climb(sway: float) -> None:
 
 
 @pytest.mark.parametrize(("rise", "slope", "is_new"), [(2.6, 0.65, True), (-2.6, -0.65, True), (0.9, 0.5, False)])
-def test_by_stairs_a_new_floor_is_reached_but_a_platform_belongs_to_its_floor(
-    rise: float, slope: float, is_new: bool
-) -> None:
+def test_stairs_reach_a_new_floor_and_a_platform_none(rise: float, slope: float, is_new: bool) -> None:
     between, (arrival,) = follow(np.sign(rise) * np.clip((X - 4) * abs(slope), 0, abs(rise)))
     assert (arrival.floor is None) == is_new and arrival.height == pytest.approx(rise, abs=0.05)
     assert not any(between[:45]) and any(between) and not between[-1]

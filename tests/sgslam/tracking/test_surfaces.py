@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from boxes import Array, Box, pose, room, scan, scene_of
+from walks import HERE, surfels_of
 
 from data.simulation import SpinningSensor
 from data.simulation.sensors import sensor_named
@@ -10,10 +11,8 @@ from sgslam.config import BackendSettings, Config, SurfaceSettings
 from sgslam.geometry.frames import transform_planes, transform_points
 from sgslam.perception import LevelObservation, WallObservation, extract_levels, extract_walls, sort_into_columns
 from sgslam.perception.column_scan import contour
-from sgslam.surfels import SurfelMap
 from sgslam.tracking.front_end import FrontEnd, KeyframeScan, level_to_sensor
 from sgslam.tracking.gravity import refined_up
-from sgslam.tracking.level_frame import add_seen
 
 ROOM = (-3.0, -2.0, 4.0, 2.5)  # lowest x y, highest x y
 PLANES = np.array([[1, 0, 0, 3.0], [-1, 0, 0, 4.0], [0, 1, 0, 2.0], [0, -1, 0, 2.5]])
@@ -21,6 +20,7 @@ LARGE = room(-5, -5, 5, 5)
 WIDE = SpinningSensor(beams=32, lowest_deg=-45, highest_deg=45)  # sees floor and ceiling close by
 UP = np.array([0.0, 0.0, 1.0])
 Place = tuple[int, float, float, float]
+Levels = list[LevelObservation]
 
 
 def walls_of(points: Array, height: float) -> list[WallObservation]:
@@ -141,22 +141,16 @@ def test_too_few_points_give_nothing(count: int) -> None:
     assert not extract_levels(np.empty((0, 3)), np.empty((0, 3)), np.empty(0), np.eye(4))
 
 
-def levels_in(
-    boxes: list[Box], way: list[Array], sensor: SpinningSensor = WIDE, moved: Array | None = None
-) -> list[LevelObservation]:
+def levels_in(boxes: list[Box], way: list[Array], sensor: SpinningSensor = WIDE, T: Array = HERE) -> Levels:
     """What a few scans on a way show, in the frame of the last one; as if the scene were moved by a pose."""
-    surfels, scene = SurfelMap(), scene_of(boxes)
-    poses = [T if moved is None else moved @ T for T in way]
-    for seed, (T, T_odom_sensor) in enumerate(zip(way, poses, strict=True)):
-        add_seen(surfels, scan(scene, T, sensor, seed), T_odom_sensor)
-    return extract_levels(*surfels.surfels(), poses[-1])
+    return extract_levels(*surfels_of(scene_of(boxes), way, sensor, T).surfels(), T @ way[-1])
 
 
 def walk(height: float, pitch: float = 0.0, roll: float = 0.0) -> list[Array]:
     return [pose(0.1 * k, 0.05 * k, height, 0.1 * k, pitch, roll) for k in range(4)]
 
 
-def heights(found: list[LevelObservation], T: Array, is_floor: bool = True) -> Array:
+def heights(found: Levels, T: Array, is_floor: bool = True) -> Array:
     """Heights (m) above the sensor's foot on the ground, of floors or of ceilings, lowest first."""
     planes = [transform_planes(T, own.plane) for own in found if own.is_floor == is_floor]
     return np.sort([-(p[3] + p[:2] @ T[:2, 3]) / p[2] for p in planes])
@@ -190,7 +184,7 @@ def test_large_things_are_surfaces_of_their_own(things: list[Box], expected: lis
 
 
 def test_slopes_and_what_is_out_of_sight_are_not_found() -> None:
-    sloping = levels_in(LARGE, walk(1.2), moved=pose(0, 0, 0, 0, np.radians(15)))
+    sloping = levels_in(LARGE, walk(1.2), T=pose(0, 0, 0, 0, np.radians(15)))
     assert sum(own.area for own in sloping) < 10, "of 200 m2"
     upwards = SpinningSensor(lowest_deg=0.5, highest_deg=30)
     assert not any(own.is_floor for own in levels_in(room(-3, -3, 3, 3), walk(0.8), upwards))
