@@ -56,14 +56,15 @@ def test_a_hand_is_followed_to_centimetres_with_the_points_times(drive: Drive) -
     assert {f.health for f in found} <= {"good", "degraded"}
 
 
+@pytest.mark.slow
 def test_a_sensor_that_turns_as_it_begins_is_followed(drive: Drive) -> None:
     """The first scan is bent by an unknown motion, and the second one's attitude is known to a degree."""
     scans, truth = drive
-    pairs = [slice(begin, begin + 2) for begin in range(0, 110, 5)]
-    off = [step_errors(tracked(scans[pair]), truth[pair])[0, 1] for pair in pairs]
+    off = [step_errors(tracked(scans[k : k + 2]), truth[k : k + 2])[0, 1] for k in range(0, 110, 5)]
     assert max(off) < np.radians(2.0)  # it was 0.8; 17 where the first scan's motion swung to and fro
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["order", "snapshot"])
 def test_what_scans_without_times_are_is_found_also_for_results_held_back(drive: Drive, kind: Kind) -> None:
     scans = [scan.points for scan in drive[0]] if kind == "order" else [*bow()[0], *bow()[0][::-1]] * 2

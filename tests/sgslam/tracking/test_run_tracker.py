@@ -82,11 +82,10 @@ def way() -> tuple[list[Array], list[Array]]:
 
 
 @pytest.mark.slow
-# late, until early, but for a gap, every third
 @pytest.mark.parametrize("with_pose", [range(25, 50), range(25), [*range(20), *range(35, 50)], range(0, 50, 3)])
 @pytest.mark.parametrize("given", ["exact", "measured"])
 def test_poses_for_some_scans_are_measured_or_refused_and_odom_never_jumps(with_pose: list[int], given: Given) -> None:
-    """Those given are in a frame that is 100 m away. A tracker that is restored on the way goes on alike."""
+    """They begin late, end early, have a gap or are every third, 100 m off. A restored tracker goes on alike."""
     (poses, scans), elsewhere = way(), pose(100.0, -50.0, 3.0, 2.0)
     config = Config(odometry=OdometrySettings(given=given))
     trackers, steps, kept = [RunTracker(config)], (list[TrackingStep](), list[TrackingStep]()), list[int]()
