@@ -11,11 +11,10 @@ import shapely
 from pydantic import BaseModel, ConfigDict
 
 from data.ifc.products import open_ifc
-from data.scene_graph import SceneGraph, Xy
+from data.scene_graph import Xy
 from data.simulation import Change
 from data.simulation.changes.as_built import fillings
-from data.trajectory import Trajectory
-from evaluation.buildings import plan_graph, storey_of
+from evaluation.buildings import plan_graph
 from evaluation.conditions import BUILDING
 from evaluation.drive import Drive, DriveCase
 from evaluation.metrics.true_walls import TrueWall, true_walls
@@ -55,7 +54,7 @@ def verdicts_of(case: DriveCase, drive: Drive, result: Result, ifc: Path) -> Rec
     """`judged`: walls, doors, windows and columns with their verdicts, but of those that stand as planned only the ones
     that were seen; `not_seen`: how many of the others, by how they were built. `unplanned`: walls that stand and are
     not planned, of which `to_find` are seen by three keyframes; `false` entries are on no such wall and on no planned
-    one, `on_planned` on planned ones alone; `m2` is the area of the rooms that were entered. `ifc` is the building."""
+    one, `on_planned` on planned ones alone. `ifc` is the building."""
     result = without_planned_things(result, drive.plan)
     assert result.T_bim_map is not None
     plan = plan_graph(drive.plan)
@@ -71,7 +70,7 @@ def verdicts_of(case: DriveCase, drive: Drive, result: Result, ifc: Path) -> Rec
     return {
         "judged": [entry.model_dump() for entry in seen],
         "not_seen": dict(Counter(entry.built for entry in judged if entry.verdict == "not seen")),
-        "unplanned": _unplanned([wall.trace for wall in extra], walls) | {"m2": _entered_m2(plan, drive.truth)},
+        "unplanned": _unplanned([wall.trace for wall in extra], walls),
     }
 
 
@@ -143,11 +142,3 @@ def _is_on(trace: tuple[Xy, Xy], wall: TrueWall) -> bool:
     line = shapely.LineString(trace)
     on = shapely.Polygon(wall.footprint).buffer(ON_WALL_M).intersection(line).length
     return bool(on >= min(line.length / 2, ENOUGH_M))
-
-
-def _entered_m2(plan: SceneGraph, truth: Trajectory) -> float:
-    """The area (m2) of the plan's rooms, on the storey of the first pose, that hold a true position."""
-    places = shapely.points(truth.positions[:, :2])
-    floor = plan.on_floor(storey_of(plan, truth.poses[0]))
-    outlines = [shapely.Polygon(room.polygon) for room in floor.rooms if room.polygon]
-    return float(sum(outline.area for outline in outlines if shapely.contains(outline, places).any()))

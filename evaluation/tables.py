@@ -5,7 +5,7 @@ than five of them none is given.
 """
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -46,16 +46,10 @@ class Query:
         return pd.DataFrame(lines)
 
 
-@dataclass(frozen=True)
-class Queries:
-    """Tables by name; those without rows are left out."""
-
-    tables: Mapping[str, Query] = field(default_factory=dict)
-
-    def __call__(self, rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-        """All tables that have a line."""
-        made = {name: query.table(rows) for name, query in self.tables.items()}
-        return {name: table for name, table in made.items() if len(table)}
+def made(queries: Mapping[str, Query], rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """The tables of queries, by name; those without a line are left out."""
+    tables = {name: query.table(rows) for name, query in queries.items()}
+    return {name: table for name, table in tables.items() if len(table)}
 
 
 def spread(name: str, form: str = ".0f", factor: float = 1.0) -> Column:

@@ -39,7 +39,7 @@ TESTS = {  # of each module; what is compiled once must not be compiled for each
     "sgslam/anchoring/floor_anchoring.py": (
         *BUILDING, "tests/anchoring/test_floor_anchoring.py", "tests/anchoring/test_trusted_anchors.py",
     ),
-    "sgslam/registration/health.py": ("tests/registration/test_health_limits.py", "tests/registration/test_health.py"),
+    "sgslam/registration/health.py": ("tests/sgslam/registration/test_health.py",),
     "sgslam/session/soundness/quality.py": ("tests/outputs/test_quality.py",),
     "matching/search/verification.py": VERDICTS,
     "matching/search/confidence.py": VERDICTS,

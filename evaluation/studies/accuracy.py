@@ -18,10 +18,10 @@ from evaluation.tables import (
     ANCHORED,
     ERRORS,
     INSIDE,
-    Queries,
     Query,
     count,
     interval,
+    made,
     mean,
     of,
     often,
@@ -99,14 +99,12 @@ MAP = {
 ALL = {**ANCHORED, **ERRORS}
 PARTS = {**ANCHORED, "RMSE, times the whole system's": lambda rows: _relative(rows)}
 BY, BY_ROLE = {"carrier": "carrier", "variant": "variant"}, {"role": "buildings", "carrier": "carrier"}
-QUERIES = Queries(
-    {
-        "errors": Query({**BY_ROLE, "variant": "variant"}, ALL, _is_main),
-        "map": Query(BY_ROLE, MAP, lambda rows: rows.variant.eq("anchored") & _is_main(rows) & truth(rows, "anchored")),
-        "parts": Query(BY, PARTS, lambda rows: ~_is_main(rows) & rows.changes.eq("")),
-        "moved": Query(BY, ALL, lambda rows: rows.changes.eq(MOVED)),
-    }
-)
+QUERIES = {
+    "errors": Query({**BY_ROLE, "variant": "variant"}, ALL, _is_main),
+    "map": Query(BY_ROLE, MAP, lambda rows: rows.variant.eq("anchored") & _is_main(rows) & truth(rows, "anchored")),
+    "parts": Query(BY, PARTS, lambda rows: ~_is_main(rows) & rows.changes.eq("")),
+    "moved": Query(BY, ALL, lambda rows: rows.changes.eq(MOVED)),
+}
 
 
 def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
@@ -120,7 +118,7 @@ def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
         if cells:
             titles = {"wheeled": "on a robot: RMSE (m)", HAND: "in a hand: RMSE (m)"}
             lines.append({"": label, **{titles.get(name, name): text for name, text in cells.items()}})
-    return {"readme": pd.DataFrame(lines), **QUERIES(rows)}
+    return {"readme": pd.DataFrame(lines), **made(QUERIES, rows)}
 
 
 def _headline(own: pd.DataFrame) -> str:

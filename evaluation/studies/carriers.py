@@ -13,7 +13,7 @@ from evaluation.buildings import generated
 from evaluation.drive import RECORDING, Degrees, DriveCase, DriveOptions
 from evaluation.run import study_of_runs
 from evaluation.study import Claim
-from evaluation.tables import Column, Queries, Query, count, of, rare, share, spread, spread_of, total, units
+from evaluation.tables import Column, Query, count, made, of, rare, share, spread, spread_of, total, units
 
 OURS, PEERS = "tracking", ("KISS-ICP", "small_gicp")
 TRACKED_M = 0.1  # ATE up to which a drive counts as tracked
@@ -74,50 +74,48 @@ CELL: dict[str, Column] = {
     "by the better peer": lambda rows: of((_both(rows).peer <= TRACKED_M).sum(), len(_both(rows))),
 }
 LEVEL, PLAIN = "0, 0, 0", "none"
-QUERIES = Queries(
-    {
-        "carriers": Query(
-            {"carrier": "carrier", "sensor": "sensor"},
-            CELL,
-            lambda rows: rows.effects.eq(PLAIN) & rows["mount"].eq(LEVEL) & rows.times,
-        ),
-        "effects": Query({"effects": "effects on a hand"}, CELL, lambda rows: rows.effects.ne(PLAIN)),
-        "mounts": Query({"mount": "roll, pitch, yaw (deg)"}, CELL, lambda rows: rows["mount"].ne(LEVEL)),
-        "untimed": Query({"carrier": "carrier, points without times"}, CELL, lambda rows: ~rows.times.astype(bool)),
-        "methods": Query(
-            {"variant": "method"},
-            {
-                "drives": count(),
-                "ATE (m)": lambda rows: spread_of(rows.ate, ".3f"),
-                "over a second (m)": spread("second_m", ".3f"),
-                "95 % (m)": spread("second_95_m", ".3f"),
-                "over a second (deg)": spread("second_deg", ".2f"),
-                "worst step (m)": spread("worst_step_m", ".2f"),
-                "poses missing": total("missing", "scans"),
-                "scans a second of CPU": spread("scans_per_s"),
-            },
-        ),
-        "reliability": Query(
-            {"carrier": "carrier"},
-            {
-                "drives": count(),
-                "good": share("good_scans", "scans"),
-                "lost": share("lost", "scans"),
-                "in its 95 % region, over a second": share("inside_motions", "reliability.motions"),
-                "called good, and wrong": total("reliability.wrongly_good", "scans"),
-                "up (deg)": spread("reliability.up_deg", ".2f"),
-                "drives with a false kidnapping": count(lambda rows: rows.kidnaps > 0),
-            },
-            lambda rows: rows.variant.eq(OURS),
-        ),
-    }
-)
+QUERIES = {
+    "carriers": Query(
+        {"carrier": "carrier", "sensor": "sensor"},
+        CELL,
+        lambda rows: rows.effects.eq(PLAIN) & rows["mount"].eq(LEVEL) & rows.times,
+    ),
+    "effects": Query({"effects": "effects on a hand"}, CELL, lambda rows: rows.effects.ne(PLAIN)),
+    "mounts": Query({"mount": "roll, pitch, yaw (deg)"}, CELL, lambda rows: rows["mount"].ne(LEVEL)),
+    "untimed": Query({"carrier": "carrier, points without times"}, CELL, lambda rows: ~rows.times.astype(bool)),
+    "methods": Query(
+        {"variant": "method"},
+        {
+            "drives": count(),
+            "ATE (m)": lambda rows: spread_of(rows.ate, ".3f"),
+            "over a second (m)": spread("second_m", ".3f"),
+            "95 % (m)": spread("second_95_m", ".3f"),
+            "over a second (deg)": spread("second_deg", ".2f"),
+            "worst step (m)": spread("worst_step_m", ".2f"),
+            "poses missing": total("missing", "scans"),
+            "scans a second of CPU": spread("scans_per_s"),
+        },
+    ),
+    "reliability": Query(
+        {"carrier": "carrier"},
+        {
+            "drives": count(),
+            "good": share("good_scans", "scans"),
+            "lost": share("lost", "scans"),
+            "in its 95 % region, over a second": share("inside_motions", "reliability.motions"),
+            "called good, and wrong": total("reliability.wrongly_good", "scans"),
+            "up (deg)": spread("reliability.up_deg", ".2f"),
+            "drives with a false kidnapping": count(lambda rows: rows.kidnaps > 0),
+        },
+        lambda rows: rows.variant.eq(OURS),
+    ),
+}
 
 
 def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
     """By carrier and sensor, by effect, by mount, without the points' times; all errors by method; and whether what our
     tracker says of its poses is true."""
-    return QUERIES(_prepared(rows))
+    return made(QUERIES, _prepared(rows))
 
 
 def _prepared(rows: pd.DataFrame) -> pd.DataFrame:

@@ -10,7 +10,7 @@ from evaluation.drive import DriveCase, DriveOptions
 from evaluation.elements import LEAST_VIEWS, Judged
 from evaluation.run import TOLERANCE_M, study_of_runs
 from evaluation.study import Claim
-from evaluation.tables import ANCHORED, Column, Queries, Query, of, rare, total, units
+from evaluation.tables import ANCHORED, Column, Query, made, of, rare, total, units
 from sgslam.as_built.elements import SURE_SIGMAS
 
 ENOUGH = 0.3  # of a wall seen, from which a verdict on it is expected
@@ -80,44 +80,39 @@ OTHERS: dict[str, Column] = {
     "as planned, called absent": _verdict("absent", "as planned"),
     "uncertain": lambda rows: of(rows.verdict.eq("uncertain").sum(), len(rows)),
 }
-RUNS = Queries(
-    {
-        "runs": Query({"changes": "changes"}, ANCHORED),
-        "unplanned": Query(
-            {"carrier": "carrier", "sensor": "sensor"},
-            {
-                "found": total("unplanned.found", "unplanned.to_find"),
-                "false entries": lambda rows: f"{rows['unplanned.false'].sum():.0f}",
-                "entries on planned walls": lambda rows: f"{rows['unplanned.on_planned'].sum():.0f}",
-                "rooms entered (m2)": lambda rows: f"{rows['unplanned.m2'].sum():.0f}",
-            },
-            lambda rows: rows.changes.eq("absent") & rows["unplanned.m2"].notna(),
-        ),
-    }
-)
-ELEMENTS = Queries(
-    {
-        "walls": Query(
-            {"changes": "changes", "carrier": "carrier"},
-            WALLS,
-            lambda rows: rows.element.eq("wall") & rows.verdict.ne("not seen") & rows.built.ne("absent"),
-        ),
-        "absent_walls": Query(
-            {"visible": "absent walls"},
-            {name: _verdict(name, "absent") for name in ("absent", "moved", "uncertain", "not seen")},
-            lambda rows: rows.element.eq("wall") & rows.built.eq("absent"),
-        ),
-        "openings": Query(
-            {"element": "element"}, OTHERS, lambda rows: rows.element.ne("wall") & rows.verdict.ne("not seen")
-        ),
-    }
-)
+RUNS = {
+    "runs": Query({"changes": "changes"}, ANCHORED),
+    "unplanned": Query(
+        {"carrier": "carrier", "sensor": "sensor"},
+        {
+            "found": total("unplanned.found", "unplanned.to_find"),
+            "false entries": lambda rows: f"{rows['unplanned.false'].sum():.0f}",
+            "entries on planned walls": lambda rows: f"{rows['unplanned.on_planned'].sum():.0f}",
+        },
+        lambda rows: rows.changes.eq("absent") & rows["unplanned.to_find"].notna(),
+    ),
+}
+ELEMENTS = {
+    "walls": Query(
+        {"changes": "changes", "carrier": "carrier"},
+        WALLS,
+        lambda rows: rows.element.eq("wall") & rows.verdict.ne("not seen") & rows.built.ne("absent"),
+    ),
+    "absent_walls": Query(
+        {"visible": "absent walls"},
+        {name: _verdict(name, "absent") for name in ("absent", "moved", "uncertain", "not seen")},
+        lambda rows: rows.element.eq("wall") & rows.built.eq("absent"),
+    ),
+    "openings": Query(
+        {"element": "element"}, OTHERS, lambda rows: rows.element.ne("wall") & rows.verdict.ne("not seen")
+    ),
+}
 
 
 def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
     """The runs; walls; absent walls, seen through by three keyframes or not; doors, windows and columns; and walls that
     are not planned."""
-    return {**RUNS(rows), **ELEMENTS(elements_of(rows))}
+    return {**made(RUNS, rows), **made(ELEMENTS, elements_of(rows))}
 
 
 def elements_of(rows: pd.DataFrame) -> pd.DataFrame:

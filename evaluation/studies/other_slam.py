@@ -29,7 +29,7 @@ from evaluation.outcome import Outcome
 from evaluation.peers.odometries import KISS_SLAM, kiss_slam_results
 from evaluation.run import described, run, study_of_runs
 from evaluation.study import Claim, Record
-from evaluation.tables import ANCHORED, WRONG, Queries, Query, count, often, spread, spread_of, units
+from evaluation.tables import ANCHORED, WRONG, Query, count, made, often, spread, spread_of, units
 from evaluation.variants import ODOMETRIES
 
 REMOVED = 0.8  # of the other system's error, which anchoring should remove
@@ -149,18 +149,16 @@ TRACKING = {
     "scans a second of CPU": spread("scans_per_s"),
 }
 BY = {"carrier": "carrier", "variant": "variant"}
-QUERIES = Queries(
-    {
-        "gain": Query(BY, GAIN, is_output),
-        "tracking": Query(BY, TRACKING, lambda rows: rows.variant.isin(TRACKED)),
-        "inertial": Query(BY, RUNS, lambda rows: rows.variant.isin(RUN)),
-    }
-)
+QUERIES = {
+    "gain": Query(BY, GAIN, is_output),
+    "tracking": Query(BY, TRACKING, lambda rows: rows.variant.isin(TRACKED)),
+    "inertial": Query(BY, RUNS, lambda rows: rows.variant.isin(RUN)),
+}
 
 
 def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
     """What anchoring gains for each output; tracking with an IMU; runs with a plan, with the IMU and without."""
-    return QUERIES(rows)
+    return made(QUERIES, rows)
 
 
 def claims(rows: pd.DataFrame) -> list[Claim]:

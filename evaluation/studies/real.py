@@ -1,6 +1,7 @@
 """How accurate runs are on recordings of real buildings: SLABIM, ConSLAM, Hilti 2021, or recordings of one's own."""
 
 from collections.abc import Iterable, Iterator
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from data.trajectory import Trajectory
 from evaluation.buildings import plan_graph
 from evaluation.metrics.trajectories import ape, error_in_bim, matched
 from evaluation.study import Case, Claim, Options, Record, Study
-from evaluation.tables import Column, Queries, Query, count, of, share, spread
+from evaluation.tables import Column, Query, count, made, of, share, spread
 from sgslam.report import associate
 from sgslam.session import Result
 from sgslam.slam import SceneGraphSlam
@@ -158,13 +159,11 @@ PLACED: dict[str, Column] = {
 }
 WHOLE = {"scans": spread("scans"), **PLACED, "after alignment (m)": spread("aligned_rmse_m", ".3f")}
 PIECES: dict[str, Column] = {"pieces": lambda rows: f"{rows.runs.sum()}", **PLACED}
-tables = Queries(
-    {
-        "datasets": Query({"dataset": "data set"}, {"recordings": count(), **WHOLE}, lambda rows: rows.piece_m.isna()),
-        "recordings": Query({"sequence": "recording"}, WHOLE, lambda rows: rows.piece_m.isna()),
-        "pieces": Query({"piece_m": "length (m)"}, PIECES, lambda rows: rows.piece_m.notna()),
-    }
-)
+QUERIES = {
+    "datasets": Query({"dataset": "data set"}, {"recordings": count(), **WHOLE}, lambda rows: rows.piece_m.isna()),
+    "recordings": Query({"sequence": "recording"}, WHOLE, lambda rows: rows.piece_m.isna()),
+    "pieces": Query({"piece_m": "length (m)"}, PIECES, lambda rows: rows.piece_m.notna()),
+}
 
 
 def claims(rows: pd.DataFrame) -> list[Claim]:
@@ -183,7 +182,7 @@ STUDY = Study(
     case=Recorded,
     cases=cases,
     measure=measure,
-    tables=tables,
+    tables=partial(made, QUERIES),
     claims=claims,
     brought=True,
 )

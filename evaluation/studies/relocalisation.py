@@ -23,7 +23,7 @@ from evaluation.metrics.trajectories import ape
 from evaluation.outcome import NO_POSES, Outcome
 from evaluation.run import described, study_of_runs
 from evaluation.study import Claim, Record
-from evaluation.tables import ANCHORED, WRONG, Queries, Query, count, often, rare, spread, truth, units
+from evaluation.tables import ANCHORED, WRONG, Query, count, made, often, rare, spread, truth, units
 from sgslam.config import Config
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.session import Checkpoints, PriorMap, Result
@@ -153,20 +153,18 @@ COLUMNS = {
     "first run: ATE (m)": spread("first_m", ".3f"),
     "after the second": spread("first_after_m", ".3f"),
 }
-QUERIES = Queries(
-    {
-        "plans": Query({"plan": "plan"}, COLUMNS),
-        "runs": Query(
-            {"plan": "plan", "building": "building", "start": "start"},
-            {name: COLUMNS[name] for name in ("relocalised", "metres until", "RMSE (m)", "wrong while it ran")},
-        ),
-    }
-)
+QUERIES = {
+    "plans": Query({"plan": "plan"}, COLUMNS),
+    "runs": Query(
+        {"plan": "plan", "building": "building", "start": "start"},
+        {name: COLUMNS[name] for name in ("relocalised", "metres until", "RMSE (m)", "wrong while it ran")},
+    ),
+}
 
 
 def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
     """By plan, and each second run."""
-    return QUERIES(rows)
+    return made(QUERIES, rows)
 
 
 def claims(rows: pd.DataFrame) -> list[Claim]:

@@ -12,7 +12,7 @@ from evaluation.buildings import plan_graph
 from evaluation.drive import DriveCase, drive_of
 from evaluation.run import described, outcome_of, study_of_runs
 from evaluation.study import Claim, Options, Record
-from evaluation.tables import ANCHORED, ERRORS, WRONG, Queries, Query, count, rare, spread, truth, units
+from evaluation.tables import ANCHORED, ERRORS, WRONG, Query, count, made, rare, spread, truth, units
 
 ON_STAIRS_M = 0.15  # height of the ground above or below the nearest storey
 INSTITUTE = ("Keller", "Erdgeschoss", "1. Obergeschoss", "2. Obergeschoss", "Dachgeschoss")
@@ -71,41 +71,39 @@ def measure(case: DriveCase, work: Path) -> Record:
     return record
 
 
-QUERIES = Queries(
-    {
-        "climbs": Query(
-            {"building": "building", "tour": "storeys", "carrier": "carrier"},
-            {
-                **ANCHORED,
-                "height (m)": ERRORS["height (m)"],
-                "on stairs (m)": spread("stair_rmse_m", ".3f"),
-                "worst (m)": ERRORS["worst (m)"],
-                "floors": spread("floors"),
-                "wrong storey": count(lambda rows: truth(rows, "wrong_storey")),
-                "wrong": WRONG["wrong"],
-            },
-            lambda rows: rows.climbs,
-        ),
-        "starts": Query(
-            {"building": "building", "tour": "storey"},
-            {
-                **ANCHORED,
-                "rooms until anchored": spread("first_anchor_rooms"),
-                "metres until anchored": spread("first_anchor_m"),
-                "ambiguous": count(lambda rows: rows.match_status.eq("ambiguous") & ~truth(rows, "anchored")),
-                "wrong storey": count(lambda rows: truth(rows, "wrong_storey")),
-                **WRONG,
-            },
-            lambda rows: ~rows.climbs,
-        ),
-    }
-)
+QUERIES = {
+    "climbs": Query(
+        {"building": "building", "tour": "storeys", "carrier": "carrier"},
+        {
+            **ANCHORED,
+            "height (m)": ERRORS["height (m)"],
+            "on stairs (m)": spread("stair_rmse_m", ".3f"),
+            "worst (m)": ERRORS["worst (m)"],
+            "floors": spread("floors"),
+            "wrong storey": count(lambda rows: truth(rows, "wrong_storey")),
+            "wrong": WRONG["wrong"],
+        },
+        lambda rows: rows.climbs,
+    ),
+    "starts": Query(
+        {"building": "building", "tour": "storey"},
+        {
+            **ANCHORED,
+            "rooms until anchored": spread("first_anchor_rooms"),
+            "metres until anchored": spread("first_anchor_m"),
+            "ambiguous": count(lambda rows: rows.match_status.eq("ambiguous") & ~truth(rows, "anchored")),
+            "wrong storey": count(lambda rows: truth(rows, "wrong_storey")),
+            **WRONG,
+        },
+        lambda rows: ~rows.climbs,
+    ),
+}
 
 
 def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
     """A line for each tour over several storeys, and for each storey over its starts."""
     rows = rows.reindex(columns=list(dict.fromkeys([*rows, "first_anchor_rooms", "first_anchor_m"])))
-    return QUERIES(rows.assign(climbs=rows.storeys.str.len() > 1, tour=rows.storeys.str.join(", ")))
+    return made(QUERIES, rows.assign(climbs=rows.storeys.str.len() > 1, tour=rows.storeys.str.join(", ")))
 
 
 def claims(rows: pd.DataFrame) -> list[Claim]:

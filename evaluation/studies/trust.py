@@ -12,7 +12,7 @@ from evaluation.conditions import RECORDING as OF_RECORDING
 from evaluation.drive import RECORDING, DriveCase, DriveOptions
 from evaluation.run import study_of_runs
 from evaluation.study import Claim
-from evaluation.tables import ANCHORED, INSIDE, WRONG, Queries, Query, count, rare, truth, units
+from evaluation.tables import ANCHORED, INSIDE, WRONG, Query, count, made, rare, truth, units
 
 NONE = ""
 HOUSES = ("fzk-haus", "niedriha", "jesse", "sample-house")
@@ -49,30 +49,26 @@ def cases(options: Choice) -> list[DriveCase]:
 
 
 COLUMNS = {**ANCHORED, "lost": count(lambda rows: rows.lost > 0), **WRONG}
-QUERIES = Queries(
-    {
-        "troubles": Query({"worse": "trouble"}, COLUMNS),
-        "severities": Query({"severity": "severity"}, COLUMNS, lambda rows: rows.severity > 0),
-        "carriers": Query({"carrier": "carrier", "effects": "effects"}, COLUMNS, lambda rows: rows.worse == "none"),
-        "inside": Query({"worse": "trouble"}, INSIDE, lambda rows: rows["inside.poses"].notna()),
-        "wrong_runs": Query(
-            {"worse": "trouble", "building": "building", "carrier": "carrier", "sensor": "sensor"},
-            {
-                "scans wrong": lambda rows: f"{rows.wrong.sum():.0f}",
-                "alarms": lambda rows: (
-                    "; ".join(sorted({alarm for of_run in rows.alarms for alarm in of_run})) or "none"
-                ),
-            },
-            lambda rows: rows.wrong > 0,
-        ),
-    }
-)
+QUERIES = {
+    "troubles": Query({"worse": "trouble"}, COLUMNS),
+    "severities": Query({"severity": "severity"}, COLUMNS, lambda rows: rows.severity > 0),
+    "carriers": Query({"carrier": "carrier", "effects": "effects"}, COLUMNS, lambda rows: rows.worse == "none"),
+    "inside": Query({"worse": "trouble"}, INSIDE, lambda rows: rows["inside.poses"].notna()),
+    "wrong_runs": Query(
+        {"worse": "trouble", "building": "building", "carrier": "carrier", "sensor": "sensor"},
+        {
+            "scans wrong": lambda rows: f"{rows.wrong.sum():.0f}",
+            "alarms": lambda rows: "; ".join(sorted({alarm for of_run in rows.alarms for alarm in of_run})) or "none",
+        },
+        lambda rows: rows.wrong > 0,
+    ),
+}
 
 
 def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
     """By trouble, by severity, by carrier and effects without trouble; how true the standard deviations are; and each
     run with a wrong scan."""
-    return QUERIES(_split(rows))
+    return made(QUERIES, _split(rows))
 
 
 def _split(rows: pd.DataFrame) -> pd.DataFrame:

@@ -1,0 +1,259 @@
+"""The surfel map: sides of walls, cells, forgetting; what a scan sees through, and what its points tell."""
+
+import multiprocessing
+from typing import Any
+
+import numpy as np
+import pytest
+from boxes import Array, Box, pose, room, scan, scene_of
+from walks import SCAN_NS, surfels_of
+
+from sgslam.config import TrackingSettings
+from sgslam.geometry.frames import transform_points
+from sgslam.odometry.continuous_time import ContinuousTimeOdometry
+from sgslam.registration.correspondences import planes_of
+from sgslam.registration.free_space import shares_seen_through
+from sgslam.registration.motion_prior import add_height
+from sgslam.registration.point_to_plane import add_points
+from sgslam.registration.sampling import normals_at
+from sgslam.surfels import SurfelMap
+from sgslam.surfels.search import nearest_plane
+from sgslam.tracking.level_frame import add_seen
+
+Point = tuple[float, float, float]
+AHEAD, NONE = np.array([1.0, 0.0, 0.0]), (0.0, 0.0, 0.0)
+
+
+def wall(x: float, noise: float = 0.01, seed: int = 0, points: int = 4000) -> Array:
+    """(N, 3) points of a wall at x, 4 m wide and 2 m high."""
+    rng = np.random.default_rng(seed)
+    return np.c_[x + rng.normal(0, noise, points), rng.uniform(-2, 2, points), rng.uniform(0, 2, points)]
+
+
+def known(*seen: tuple[Array, Array]) -> SurfelMap:
+    """Points, each with the ray along which they are seen."""
+    surfels = SurfelMap()
+    for points, ray in seen:
+        surfels.add(points, np.tile(ray, (len(points), 1)), 0.0, 100.0)
+    return surfels
+
+
+def nearest(
+    point: Point, surfels: SurfelMap, to_sensor: Array = -AHEAD, way: float = 0, error: float = 0, normal: Point = NONE
+) -> Array | None:
+    """The plane nearest to a point, known to an error and with a normal, that a sensor sees from a way off."""
+    at = np.array(point)
+    found = nearest_plane(at, at + to_sensor, np.array(normal), 1.2, error, surfels.arrays, way - 100.0)
+    return None if found < 0 else surfels.arrays.planes[found]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_each_side_of_a_thin_wall_has_its_own_surfels(seed: int) -> None:
+    surfels = known((wall(2.1, seed=seed), AHEAD), (wall(2.2, seed=seed + 9), -AHEAD))
+    for x, ray in ((2.1, AHEAD), (2.2, -AHEAD)):
+        plane = nearest((2.15, 0.3, 1.2), surfels, -ray)
+        assert plane is not None and plane[:3] @ ray < -0.99 and plane[3] == pytest.approx(x, abs=0.01)
+
+
+def test_a_step_within_a_large_cell_is_known_by_the_small_ones() -> None:
+    points = wall(2.3, 0.005)
+    points[points[:, 1] > 0.5, 0] += 0.1
+    plane = nearest((2.3, 0.3, 1.2), known((points, AHEAD)))
+    assert plane is not None and plane[3] == pytest.approx(2.3, abs=0.005) and abs(plane[0]) > 0.999
+
+
+@pytest.mark.parametrize(
+    ("point", "options", "is_known"),
+    [
+        ((2.4, 0.3, 1.2), {"way": 99.0}, True),
+        ((2.4, 0.3, 1.2), {"way": 101.0}, False),  # forgotten
+        ((2.6, 0.3, 1.2), {"to_sensor": -0.25 * AHEAD}, True),
+        ((2.6, 0.3, 1.2), {"to_sensor": -0.15 * AHEAD}, False),  # from behind; a far edge may lie in that direction
+        ((2.4, 0.3, 1.4), {}, True),
+        ((2.4, 0.3, 1.8), {}, False),  # beyond where the wall was seen
+        ((2.4, 0.3, 1.8), {"error": 0.3}, True),
+    ],
+)
+def test_a_plane_is_known_where_it_was_seen(point: Point, options: dict[str, Any], is_known: bool) -> None:
+    points = wall(2.4)
+    surfels = known((points[points[:, 2] < 1.5] if point[2] > 1.3 else points, AHEAD))
+    assert (nearest(point, surfels, **options) is not None) == is_known
+
+
+@pytest.mark.parametrize(
+    ("x", "z", "normal", "expected"),
+    [
+        (2.39, 1.92, (0, 0, 0), "wall"),  # off the ceiling, in the cell above the wall's, which has a strip of it
+        (2.39, 2.15, (0, 0, 0), "ceiling"),  # more than a hand's breadth beyond the wall's cell
+        (2.40, 1.985, (0, 0, 0), None),  # what fits both is on neither
+        (2.39, 1.985, (0, 0, 0), None),
+        (2.37, 1.985, (0, 0, 0), "ceiling"),
+        (2.10, 1.985, (0, 0, 0), "ceiling"),
+        (2.39, 1.985, (0, 0, 1), "ceiling"),  # unless the scan shows the normal
+        (2.39, 1.84, (1, 0, 0), "wall"),
+    ],
+)
+def test_a_wall_goes_on_below_a_ceiling(x: float, z: float, normal: Point, expected: str | None) -> None:
+    """A wall at x = 2.4 m, seen up to a height of 1.85 m, and the ceiling at 2 m."""
+    rng, points = np.random.default_rng(0), wall(2.4, 0.005)
+    ceiling = np.c_[rng.uniform(1, 2.4, 4000), rng.uniform(-2, 2, 4000), 2.0 + rng.normal(0, 0.005, 4000)]
+    surfels = known((points[points[:, 2] < 1.85], AHEAD), (ceiling, np.array([0.8, 0.0, 0.6])))
+    plane = nearest((x, 0.3, z), surfels, np.array([-1.8, 0.0, -1.0]), normal=normal)
+    found = None if plane is None else {0: "wall", 2: "ceiling"}[int(np.argmax(np.abs(plane[:3]) > 0.99))]
+    assert found == expected
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("elevations_deg", "below", "shown"), [([15.0], 0.0, False), ([11.5, 13.5, 15.5], 0.51, True)])
+def test_some_rings_show_a_normal(elevations_deg: list[float], below: float, shown: bool, seed: int) -> None:
+    """The points of one spread along their rays by noise, and so do not show the cone that they lie on."""
+    a, e = np.meshgrid(np.linspace(0.01, 0.23, 40) / 2.6, np.radians(elevations_deg))
+    ranges = 2.6 + np.random.default_rng(seed).normal(0, 0.02, a.size)
+    points = np.c_[np.ones(a.size), np.tan(a).ravel(), (np.tan(e) / np.cos(a)).ravel()] * ranges[:, None]
+    normals = normals_at(points - [0.0, 0.0, below], np.arange(a.size), 0.25)
+    some = normals[np.abs(normals).any(axis=1)]
+    assert len(some) > 0.5 * a.size if shown else not len(some)
+    assert (np.abs(some[:, 0]) > 0.9).all()
+
+
+SMALL, LARGE = room(-2, -2, 2, 2), room(-4, -4, 4, 4)
+LARGER = room(-2, -2, 3.5, 3.5)  # shares two walls and a corner with the small one
+HERE = pose(0.3, 0.2, 1.2)
+
+
+def mapped(boxes: list[Box]) -> SurfelMap:
+    """A room as a few scans show it."""
+    places = [(0.0, 0.0), (0.5, 0.2), (-0.5, 0.4), (0.2, -0.6)]
+    return surfels_of(scene_of(boxes), [pose(x, y, 1.2, 0.3 * k, 0.1 * k) for k, (x, y) in enumerate(places)])
+
+
+def seen_through(there: list[Box], T: Array, surfels: SurfelMap, beyond: float = -np.inf) -> tuple[float, float]:
+    """By a scan, as far as its points have a larger x."""
+    points = transform_points(T, scan(scene_of(there), T, seed=9))
+    return shares_seen_through(points[points[:, 0] > beyond], T[:3, 3].copy(), surfels.arrays, -1.0)
+
+
+def test_a_larger_room_is_seen_through_the_walls_of_a_smaller_one() -> None:
+    for there, surfels in ((SMALL, SMALL), (LARGE, LARGE), (SMALL, LARGE)):
+        assert seen_through(there, HERE, mapped(surfels))[1] < 0.01
+    assert seen_through(LARGE, HERE, mapped(SMALL))[1] > 0.2
+
+
+@pytest.mark.parametrize(
+    ("sensor", "point", "expected"),
+    [
+        ((3.0, 0.0, 1.2), (1.5, 0.0, 1.0), (0.0, 0.0)),  # from outside, a room's inner faces are not what a ray meets
+        ((0.0, 0.0, 1.2), (2.4, 0.0, 1.2), (0.0, 0.0)),  # a point just behind a wall may be of that wall
+        ((0.0, 0.0, 1.2), (2.7, 0.0, 1.2), (1.0, 0.5)),
+    ],
+)
+def test_the_far_side_of_a_wall_hides_nothing(sensor: Point, point: Point, expected: tuple[float, float]) -> None:
+    assert shares_seen_through(np.array([point]), np.array(sensor), mapped(SMALL).arrays, -1.0) == expected
+
+
+def test_a_small_wall_is_seen_through_where_most_rays_pass_it_but_a_person_was_none() -> None:
+    """Of a long corridor, whose surfaces are many; a person filled as much of the view."""
+    limit, corridor, panel = TrackingSettings().seen_through, room(-20, -1, 20, 1), (0.9, -1.0, 0.0, 1.0, 1.0, 2.6)
+    of_rays, of_surfaces = seen_through(corridor, pose(0.3, 0.0, 1.2), mapped([*corridor, panel]), beyond=1.6)
+    assert of_rays > 0.6 and of_surfaces < limit
+    with_person = mapped([*SMALL, (0.35, -0.1, 0.0, 0.85, 0.5, 1.7)])
+    assert np.linalg.norm(with_person.surfels()[0] - HERE[:3, 3], axis=1).min() < 0.4
+    assert seen_through(SMALL, HERE, with_person)[1] < 0.5 * limit
+
+
+def opened(width: float) -> list[Box]:
+    """The small room, with an opening of a width (m) in one wall to a space behind it."""
+    wall = (-2.2, 2, 0, 2.2, 2.2, 2.6)
+    pieces: list[Box] = [(-2.2, 2, 0, -width / 2, 2.2, 2.6), (width / 2, 2, 0, 2.2, 2.2, 2.6)]
+    return [*(box for box in SMALL if box != wall), *pieces, *room(-2, 2.2, 2, 3.5)[1:]]
+
+
+@pytest.mark.parametrize(
+    ("there", "limit", "scans", "there_lost", "back_lost"),
+    [
+        # they may have been people who went away; after half a second, they stay seen through
+        (LARGER, 0.1, 3, True, False),
+        (LARGER, 0.1, 8, True, True),
+        (LARGER, 1.0, 1, False, False),  # half of its points are where walls were known
+        (opened(1.2), 0.1, 1, False, False),  # a door
+        (opened(4.0), 0.1, 1, True, False),
+    ],
+)
+def test_a_room_beyond_the_known_walls_is_another_one(
+    there: list[Box], limit: float, scans: int, there_lost: bool, back_lost: bool
+) -> None:
+    """Eight scans in the small room, some in another one, and one in the first again."""
+    odometry, lost, off = ContinuousTimeOdometry(TrackingSettings(seen_through=limit)), [], []
+    small, other = scene_of(SMALL), scene_of(there)
+    for k in range(8 + scans + 1):
+        T = pose(0.05 * k, 0.2, 1.2)
+        found = odometry.register(k * SCAN_NS, scan(other if 8 <= k < 8 + scans else small, T, seed=k))
+        lost.append(found.health == "lost")
+        off.append(abs(found.T_odom_sensor[0, 3] - T[0, 3]))
+    assert lost == [*[False] * 8, *[there_lost] * scans, back_lost]
+    assert max(off[:11]) < 0.03 and (off[-1] > 0.15 if back_lost else off[-1] < 0.03)
+
+
+def floor(rough: float, count: int, seed: int) -> Array:
+    """(N, 3) points on a floor, seen from above; at its edge something stands on it, up to so many metres high."""
+    rng = np.random.default_rng(seed)
+    points = np.column_stack([rng.uniform(-4, 4, (count, 2)), rng.normal(-1.5, 0.01, count)])
+    points[:, 2] += rough * rng.uniform(0, 1, count) * (points[:, 0] > 1.5)
+    return points
+
+
+def floor_map(rough: float, seed: int) -> SurfelMap:
+    surfels = SurfelMap()
+    add_seen(surfels, floor(rough, 12800, seed), np.eye(4))
+    return surfels
+
+
+def matched(points: Array, surfels: SurfelMap, error: float) -> tuple[Array, ...]:
+    """The points, their planes, knots and shares, for one knot."""
+    knot, share = np.zeros(len(points), np.int64), np.zeros(len(points))
+    both = np.hstack([points, np.zeros((len(points), 3))])
+    return *planes_of(both, knot, share, np.eye(4)[None], surfels.arrays, -1.0, 1.2, error), knot, share
+
+
+def told(rough: float, error: float, seed: int, per_cell: int = 40) -> float:
+    """The information about the height that new points tell at that edge."""
+    surfels = floor_map(rough, seed)
+    points, rest = floor(rough, 64 * per_cell, seed + 1), floor(rough, 128 * per_cell, seed + 2)
+    points, rest = points[points[:, 0] > 2], rest[rest[:, 0] < 1]  # most planes are flat
+    total = []
+    for chosen in (np.vstack([points, rest]), rest):
+        H, g, F = np.zeros((6, 6)), np.zeros(6), np.zeros((6, 6))
+        moved, plane_of, knot, share = matched(chosen, surfels, error)
+        options = (error, 0.1 + error, 0.1**2, 0.1, 0)
+        add_points(moved, plane_of, knot, share, np.eye(4)[None], surfels.planes, *options, H, g, F)
+        total.append(float(H[5, 5]))
+    return total[0] - total[1]
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_plane_that_is_not_flat_tells_little_however_many_points_it_has(seed: int) -> None:
+    rough, flat = told(0.15, 0.0, seed), told(0.0, 0.0, seed)
+    assert rough < 0.25 * flat
+    assert told(0.15, 0.0, seed, 160) < 2 * rough and told(0.0, 0.0, seed, 160) > 3.4 * flat
+    assert told(0.15, 0.5, seed) > 0.8 * told(0.0, 0.5, seed)  # while the pose is poor, all points count
+
+
+@pytest.mark.parametrize(("off", "variance", "is_drawn"), [(0.05, 0.0, True), (0.5, 0.0, False), (0.5, 0.3**2, True)])
+def test_only_a_known_height_is_taken_for_a_climb(off: float, variance: float, is_drawn: bool) -> None:
+    """A sensor above its usual height, which is known to a variance (m2), is drawn back unless it climbs."""
+    knots, H, g = np.eye(4)[None].copy(), np.zeros((6, 6)), np.zeros(6)
+    knots[0, 2, 3] = off
+    add_height(knots, np.array([0.0, 0, 1]), 0.0, variance, 0.05, 0.1, H, g)
+    assert g[5] > 1.2 if is_drawn else abs(g[5]) < 0.1
+
+
+def planes_found(count: int) -> list[int]:
+    """The planes of so many points of a known floor."""
+    return [int(plane) for plane in matched(floor(0.0, 12800, 0)[:count], floor_map(0.0, 0), 0.0)[1]]
+
+
+def test_each_point_has_its_plane_whatever_their_number_and_after_a_fork() -> None:
+    every = planes_found(100)
+    assert [planes_found(count) for count in (0, 1, 2, 7)] == [every[:0], every[:1], every[:2], every[:7]]
+    with multiprocessing.get_context("fork").Pool(1) as forked:
+        assert forked.apply_async(planes_found, (100,)).get(timeout=60) == every

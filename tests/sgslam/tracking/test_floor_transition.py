@@ -1,0 +1,55 @@
+"""When the sensor leaves its floor, and when it arrives on one."""
+
+from time import process_time
+
+import numpy as np
+import pytest
+from boxes import Array, pose
+
+from sgslam.config import Config
+from sgslam.mapping import Floors
+from sgslam.tracking import FloorTransition
+from sgslam.tracking.floor_transition import Arrival
+
+HEIGHT = 1.4  # m, of the sensor above the ground
+X = np.arange(0.0, 14.0, 0.1)
+
+
+def follow(ground: Array) -> tuple[list[bool], list[Arrival]]:
+    """Whether the sensor is between two floors after each step along x, and the arrivals."""
+    transition, floors = FloorTransition(Config().floors), Floors(Config())
+    between, arrivals, level = [], [], 0.0
+    for x, z in zip(X, ground, strict=True):
+        arrival = transition.follow(pose(x, 0, z - level + HEIGHT), np.eye(4), HEIGHT, floors)
+        if arrival is not None:
+            transition.end(arrival)
+            arrivals.append(arrival)
+            level += arrival.height if arrival.floor is None else 0.0  # heights are above the new floor then
+        between.append(bool(transition.active))
+    return between, arrivals
+
+
+@pytest.mark.parametrize("sway", [0.0, 0.15])
+def test_a_raised_floor_is_no_climb(sway: float) -> None:
+    between, arrivals = follow(np.where((X > 3) & (X < 8), 0.3, 0.0) + sway * np.sin(3 * X))
+    assert not any(between) and not arrivals
+
+
+@pytest.mark.parametrize(("rise", "slope", "is_new"), [(2.6, 0.65, True), (-2.6, -0.65, True), (0.9, 0.5, False)])
+def test_stairs_reach_a_new_floor_and_a_platform_none(rise: float, slope: float, is_new: bool) -> None:
+    between, (arrival,) = follow(np.sign(rise) * np.clip((X - 4) * abs(slope), 0, abs(rise)))
+    assert (arrival.floor is None) == is_new and arrival.height == pytest.approx(rise, abs=0.05)
+    assert not any(between[:45]) and any(between) and not between[-1]
+    assert not is_new or (all(between[55:75]) and not any(between[-20:]))
+
+
+@pytest.mark.parametrize("climb", [0.0, 0.1])
+def test_a_transition_that_does_not_end_costs_no_more_with_each_scan(climb: float) -> None:
+    """Someone stays on a landing, or goes up a ramp for ever."""
+    transition, floors, times = FloorTransition(Config().floors), Floors(Config()), []
+    for k in range(4000):
+        T = pose(0.3 * np.sin(k / 9) + climb * k, 0, HEIGHT + 0.05 * np.sin(k / 7) + climb * k + bool(k))
+        began = process_time()
+        assert transition.follow(T, np.eye(4), HEIGHT, floors) is None and transition.active == bool(k)
+        times.append(process_time() - began)
+    assert np.median(times[-1000:]) < 3 * np.median(times[500:1500]) + 1e-4

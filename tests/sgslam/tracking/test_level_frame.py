@@ -1,0 +1,191 @@
+"""Where up is: by the surfaces of the first seconds, under any mount, and by those of half a minute."""
+
+import functools
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from boxes import Array, pose, room, scan, scene_of
+from scipy.spatial.transform import Rotation
+from walks import surfels_of, through_the_door, two_rooms
+
+from data.geometry.raycast import TriangleScene
+from data.simulation import SpinningSensor
+from sgslam.config import TrackingSettings
+from sgslam.odometry.continuous_time import ContinuousTimeOdometry
+from sgslam.tracking.gravity import Gravity, estimate_gravity
+from sgslam.tracking.level_check import LevelCheck
+from sgslam.tracking.level_frame import LevelFrame
+
+NS = 1_000_000_000
+EXPECTED = np.array([0.0, 0.0, 1.0])
+SENSORS = {
+    "16 rings": SpinningSensor(16, -15, 15, 300),
+    "32 rings": SpinningSensor(32, -45, 45, 150),
+    "dome": SpinningSensor(40, -7, 52, 150),
+}
+Degrees = tuple[float, float, float]
+
+
+def turn(roll: float = 0.0, pitch: float = 0.0) -> Array:
+    """(3, 3) R_upright_sensor of a mount in degrees."""
+    return Rotation.from_euler("ZYX", [0.0, pitch, roll], degrees=True).as_matrix()
+
+
+HANGING, LYING = turn(roll=180.0), turn(pitch=90.0)  # z downwards, forward
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Surfels in the frame of the first pose: positions and normals (N, 3), numbers of points (N,), the sensor's
+    positions (M, 3); `up` (3,) is the truth."""
+
+    surfels: tuple[Array, Array, Array]
+    places: Array
+    up: Array
+
+    def estimated(self, expected: Array = EXPECTED, is_stated: bool = False) -> Gravity | None:
+        return estimate_gravity(*self.surfels, self.places, expected, is_stated)
+
+    def off_deg(self, found: Gravity) -> float:
+        """Between the vertical found and the true one."""
+        return float(np.degrees(np.arccos(np.clip(found.up_in_odom @ self.up, -1.0, 1.0))))
+
+
+def seen_from(scene: TriangleScene, poses: Array, sensor: SpinningSensor, seed: int = 0) -> Seen:
+    T = np.linalg.inv(poses[0])
+    surfels = surfels_of(scene, poses, sensor, T, seed).surfels()
+    return Seen(surfels, (T @ poses)[:, :3, 3], poses[0, 2, :3].copy())
+
+
+def carried(mount: Array, sensor: str, seed: int = 0) -> Seen:
+    """By one who sways and bobs on the way through a door in five seconds; `mount` (3, 3) is R_carrier_sensor."""
+    rng, poses = np.random.default_rng(seed), through_the_door()
+    phase = 2 * np.pi * (np.linspace(0.0, 5.0, len(poses))[:, None] + rng.random(3))
+    sway = Rotation.from_euler("xyz", np.radians([3.0, 3.0, 4.0]) * np.sin(phase)).as_matrix()
+    poses[:, :3, :3] = poses[:, :3, :3] @ sway @ mount
+    poses[:, 2, 3] += 0.03 * np.sin(2 * phase[:, 0])
+    return seen_from(two_rooms(), poses, SENSORS[sensor], 100 * seed)
+
+
+@functools.cache
+def lone_room(x: float, y: float, z: float) -> Seen:
+    """A closed bare room, by a sensor in its middle that does not move and looks to all sides."""
+    poses = np.tile(pose(x / 2, y / 2, z / 2, pitch=0.1), (5, 1, 1))
+    return seen_from(scene_of(room(0, 0, x, y, z)), poses, SpinningSensor(60, -85, 85, 120))
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("degrees", [0.0, 12.0, 25.0, 40.0])
+def test_a_tilted_mount_needs_no_flag(sensor: str, degrees: float) -> None:
+    scenes = [carried(mount, sensor, k) for k, mount in enumerate([turn(roll=degrees), turn(pitch=-degrees)])]
+    found = [(s, g) for s in scenes if (g := s.estimated()) is not None]
+    assert found and max(s.off_deg(g) for s, g in found) < 1.0  # measured 0.02 to 0.42
+    assert all(np.radians(s.off_deg(g)) < 4 * g.sigma < np.radians(4.0) for s, g in found)
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("mount", [HANGING, LYING], ids=["hanging", "lying"])
+def test_which_end_is_up_is_sure_with_a_stated_mount_only(sensor: str, mount: Array) -> None:
+    s = carried(mount, sensor)
+    found, stated, roughly = s.estimated(), s.estimated(s.up), s.estimated(s.up + 0.1)
+    assert mount is HANGING or found is None or not found.sign_sure or not found.axis_sure
+    assert stated is not None and stated.sign_sure and s.off_deg(stated) < 1.5
+    assert roughly is not None and s.off_deg(roughly) < 1.5
+
+
+@pytest.mark.parametrize("tilt_deg", [0.0, 12.0, 30.0])
+def test_in_a_cube_the_axis_near_the_expected_one_is_taken_but_not_sure(tilt_deg: float) -> None:
+    s = lone_room(3.0, 3.0, 3.0)
+    across, tilt = np.cross(s.up, [0.6, 0.8, 0.0]), np.radians(tilt_deg)
+    across /= np.linalg.norm(across)
+    found, stated = s.estimated(np.cos(tilt) * s.up + np.sin(tilt) * across), s.estimated(s.up + 0.05, True)
+    assert found is not None and s.off_deg(found) < 1.5 and (not found.axis_sure or tilt_deg == 0.0)
+    assert stated is not None and s.off_deg(stated) < 1.5
+    for expected in (across, s.up + across):  # between two axes
+        unsure = s.estimated(expected)
+        assert unsure is None or not unsure.axis_sure
+
+
+def test_a_bare_hall_has_one_vertical_but_no_sign() -> None:
+    s = lone_room(9.0, 7.0, 2.8)
+    found, lying = s.estimated(s.up + np.array([0.4, 0.3, 0.0])), s.estimated(np.cross(s.up, [0.6, 0.8, 0.0]))
+    assert found is not None and s.off_deg(found) < 1.5
+    assert lying is not None and not lying.sign_sure
+
+
+def test_few_surfaces_and_those_of_no_building_tell_nothing() -> None:
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        normals = rng.normal(size=(500, 3))
+        normals /= np.linalg.norm(normals, axis=1)[:, None]
+        places = rng.uniform(-5, 5, (500, 3))
+        assert estimate_gravity(places, normals, np.ones(500), np.zeros((5, 3)), EXPECTED) is None
+    s = carried(np.eye(3), "32 rings")
+    for most, told in ((20, False), (400, True)):
+        some = [part[:: len(part) // most] for part in s.surfels]
+        assert (estimate_gravity(*some, s.places, EXPECTED) is not None) == told
+
+
+def settled(R_upright_sensor: Array, mount: Degrees | None, measured: Array | None = None) -> LevelFrame:
+    """After six seconds in which the sensor stands, or hangs, still in one of two rooms."""
+    settings = TrackingSettings(mount=mount)
+    frame, odometry, results = LevelFrame(settings, 0.1), ContinuousTimeOdometry(settings), []
+    for k in range(13):
+        points = scan(two_rooms(), pose(2.5, 2.0, 1.3), seed=k) @ R_upright_sensor
+        results.append(odometry.register(k * NS // 2, points, None))
+        frame.measure(measured)
+        frame.add(k * NS // 2, points, results)
+    frame.settle(results)
+    return frame
+
+
+@pytest.mark.parametrize(
+    ("angles", "mount", "warned", "right"),
+    [
+        ((0.0, 0.0), None, False, True),
+        ((0.0, 12.0), None, False, True),
+        ((0.0, 90.0), None, True, None),  # which end is up is never sure
+        ((0.0, 90.0), (0.0, 90.0, 0.0), False, True),
+        ((180.0, 0.0), None, False, False),  # a mount that is not stated is taken for upright
+        ((180.0, 0.0), (180.0, 0.0, 0.0), False, True),
+        ((0.0, 0.0), (0.0, 40.0, 0.0), True, True),  # the wrong mount is stated
+    ],
+)
+def test_up_is_found_or_the_mount_is_asked_for(
+    angles: Array, mount: Degrees | None, warned: bool, right: bool | None, caplog: pytest.LogCaptureFixture
+) -> None:
+    R = turn(*angles)
+    frame = settled(R, mount)
+    assert any("--mount" in record.message for record in caplog.records) == warned
+    assert (frame.advice is not None) == (warned and mount is not None)
+    assert frame.is_way_up_assumed == (mount is None)
+    assert right is None or (frame.likely_up @ R[2] > np.cos(np.radians(1.0))) == right
+
+
+def test_what_an_accelerometer_shows_counts_for_the_sign(caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.INFO):
+        frame = settled(HANGING, None, np.array([0.05, 0.0, -1.0]) / np.hypot(0.05, 1.0))
+    assert frame.sure and frame.likely_up[2] < -0.9995  # the axis is that of the surfaces
+    assert not frame.is_way_up_assumed and "--mount" not in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("roll", "seconds", "said"),
+    [(0.0, 31, None), (4.0, 31, None), (40.0, 29, None), (40.0, 31, "40 degrees off"), (180.0, 31, None)],
+)
+def test_a_level_frame_that_the_surroundings_contradict_is_reported_after_half_a_minute(
+    roll: float, seconds: int, said: str | None, caplog: pytest.LogCaptureFixture
+) -> None:
+    """On a walk through a door and back, on which the state is saved and restored."""
+    check, T = LevelCheck(TrackingSettings()), np.eye(4)
+    T[:3, :3] = turn(roll)
+    for k in range(seconds + 1):
+        if k == 16:
+            state, check = check.state(), LevelCheck(TrackingSettings())
+            check.restore(state)
+        T_scene_sensor = pose(4.5 + 2.5 * np.sin(k / 5), 2.95, 1.3, yaw=k / 10)
+        check.add(k * NS, scan(two_rooms(), T_scene_sensor, SENSORS["32 rings"], seed=k), T @ T_scene_sensor)
+    assert len(caplog.messages) == (said is not None)
+    assert all(str(said) in message and "--mount" in message for message in caplog.messages)

@@ -1,0 +1,136 @@
+"""What the tracker of a run takes: odometries of a caller, poses for all scans or some, and scans that are refused."""
+
+import functools
+from collections.abc import Callable
+from copy import deepcopy
+from itertools import pairwise
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+from boxes import Array, pose, scan
+from carried_off import carried_off
+from walks import SCAN_NS, two_rooms
+
+from data import UserError
+from sgslam.config import Config, OdometrySettings, TrackingSettings
+from sgslam.odometry import Odometry
+from sgslam.odometry.continuous_time import ContinuousTimeOdometry
+from sgslam.registration import Registration
+from sgslam.tracking import CarriedElsewhere, RunTracker, TrackedScan
+from sgslam.tracking.run_tracker import TrackingStep
+
+Given = Literal["exact", "measured"]
+
+
+class Recorded(ContinuousTimeOdometry):
+    """One of a caller, which never finds a lost sensor; with the stamps that it got since its state is what it is."""
+
+    def __init__(self) -> None:
+        super().__init__(TrackingSettings())
+        self.stamps: list[int] = []
+
+    def register(self, stamp_ns: int, points: Array, point_times: Array | None = None) -> Registration:
+        self.stamps.append(stamp_ns)
+        return super().register(stamp_ns, points, point_times)
+
+    def rejoin(self, other: Odometry) -> bool:
+        return False
+
+    def state(self) -> dict[str, Any]:
+        return {"stamps": self.stamps, "own": super().state()}
+
+    def restore(self, state: Any) -> None:
+        self.stamps = state["stamps"]
+        super().restore(state["own"])
+
+
+class Stateless(Recorded):
+    """One that cannot forget its scans."""
+
+    def state(self) -> dict[str, Any]:
+        raise NotImplementedError
+
+
+def tracked(steps: list[TrackingStep]) -> list[TrackedScan]:
+    return [step for step in steps if isinstance(step, TrackedScan)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [Recorded, Stateless])
+def test_an_odometry_of_the_caller_never_gets_an_old_scan(kind: type[Recorded]) -> None:
+    """After the sensor was carried elsewhere, it tracks as the one of the settings does: from the beginning. Lists
+    serve as arrays."""
+    odometry, steps = kind(), list[TrackingStep]()
+    tracker = RunTracker(Config(), odometry)
+    for stamp_ns, points in carried_off():
+        steps += tracker.track(stamp_ns, points, [0.0] * len(points))  # type: ignore[arg-type]
+        assert tracker.times_of(points, [0.0] * len(points)) is not None  # type: ignore[arg-type]
+    steps += tracker.release()
+    assert all(a < b for a, b in pairwise(odometry.stamps)) and odometry.stamps[-1] == 57 * SCAN_NS
+    begins = [step.since_ns for step in steps if isinstance(step, CarriedElsewhere)]
+    assert begins == ([odometry.stamps[0]] if kind is Recorded else [])
+    there = np.stack([step.T_odom_sensor[:3, 3] for step in tracked(steps[-30:])])
+    assert not begins or (len(there) == 30 and np.linalg.norm(np.diff(there, axis=0), axis=1).max() < 0.06)
+
+
+@functools.cache
+def way() -> tuple[list[Array], list[Array]]:
+    """Poses of a walk in one of two rooms, and scans there."""
+    poses = [pose(1.5 + 0.04 * k, 2.0 + 0.01 * k, 1.3, 0.02 * k) for k in range(50)]
+    return poses, [scan(two_rooms(), T, seed=k) for k, T in enumerate(poses)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("with_pose", [range(25, 50), range(25), [*range(20), *range(35, 50)], range(0, 50, 3)])
+@pytest.mark.parametrize("given", ["exact", "measured"])
+def test_poses_for_some_scans_are_measured_or_refused_and_odom_never_jumps(with_pose: list[int], given: Given) -> None:
+    """They begin late, end early, have a gap or are every third, 100 m off. A restored tracker goes on alike."""
+    (poses, scans), elsewhere = way(), pose(100.0, -50.0, 3.0, 2.0)
+    config = Config(odometry=OdometrySettings(given=given))
+    trackers, steps, kept = [RunTracker(config)], (list[TrackingStep](), list[TrackingStep]()), list[int]()
+    for k, (T, points) in enumerate(zip(poses, scans, strict=True)):
+        arguments = points, np.zeros(len(points)), elsewhere @ T if k in with_pose else None
+        if given == "exact" and (k in with_pose) != (0 in with_pose):
+            with pytest.raises(UserError, match=rf"scan at {k * SCAN_NS} ns.*T_odom_sensor.*odometry.given=measured"):
+                trackers[0].track(k * SCAN_NS, *arguments)
+            continue
+        kept.append(k)
+        if k > 20 and len(trackers) == 1:
+            trackers.append(RunTracker(config))
+            trackers[1].restore(deepcopy(trackers[0].state()))
+        for tracker, own in zip(trackers, steps, strict=False):
+            own += tracker.track(k * SCAN_NS, *arguments)
+    found, again = (tracked([*own, *tracker.release()]) for tracker, own in zip(trackers, steps, strict=True))
+    assert [step.raw.stamp_ns // SCAN_NS for step in found] == kept
+    assert all(step.health != "lost" for step in found)
+    assert given == "exact" or all(step.raw.T_odom_sensor is None for step in found)  # registered, not taken as it is
+    T_odom, T_again = (np.stack([step.T_odom_sensor for step in part]) for part in (found, again))
+    assert np.array_equal(T_odom[-len(T_again) :], T_again)
+    true = np.linalg.inv(poses[kept[0]]) @ np.stack([poses[k] for k in kept])
+    assert np.linalg.norm((np.linalg.inv(T_odom[0]) @ T_odom - true)[:, :3, 3], axis=1).max() < 0.08
+
+
+@pytest.mark.parametrize(
+    ("name", "bad"),
+    [
+        ("point_times", lambda points: [0.0]),
+        ("point_times", lambda points: np.full(len(points), 99.0)),  # milliseconds
+        ("step_covariance", lambda points: -np.eye(6)),
+        ("T_odom_sensor", lambda points: 2 * np.eye(4)),
+        ("T_odom_sensor", lambda points: None),
+    ],
+)
+@pytest.mark.parametrize("given", ["exact", "measured"])
+def test_a_refused_scan_may_come_again(name: str, bad: Callable[[Array], Any], given: Given) -> None:
+    tracker = RunTracker(Config(odometry=OdometrySettings(given=given)))
+    for k, (T, points) in enumerate(zip(*(found[:6] for found in way()), strict=True)):
+        good = {"point_times": np.zeros(len(points)), "T_odom_sensor": T}
+        if bad(points) is not None or (k > 0 and given == "exact"):
+            before, arguments = deepcopy(tracker.state()), {**good, name: bad(points)}
+            with pytest.raises(UserError, match=f"scan at {k * SCAN_NS} ns"):
+                tracker.track(k * SCAN_NS, points, **arguments)
+            np.testing.assert_equal(tracker.state()["given"], before["given"])
+            assert tracker.newest_ns == before["newest_ns"]
+        tracker.track(k * SCAN_NS, points, **good)
+    assert len(tracked(tracker.release())) == 6
