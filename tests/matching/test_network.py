@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from plans import a_graph, flat, merged, moved
+from plans import a_graph, flat, moved
 
 from data import Floor, Room, SceneGraph, UserError, WallSurface
 from data.synthetic_maps.noise_models import DrawnGraph, draw
@@ -73,25 +73,6 @@ def test_proposals_know_neither_where_the_graphs_lie_nor_the_order_of_nodes(draw
             found = table(proposer, *graphs)
             for pair, p in expected.items():  # the order of the least likely is chance
                 assert found.get(pair, 0.0) == pytest.approx(p, abs=2e-3) or p < 0.05, pair
-
-
-def test_a_mirrored_building_looks_different() -> None:
-    network = untrained()
-
-    def vectors(g: SceneGraph) -> torch.Tensor:
-        return network.encode(GraphTensors.of(plan_features(g))).walls
-
-    seen, turned = vectors(PLAN), vectors(moved(PLAN, 0.7, 3.0, 1.0))
-    noise = float((seen - turned).abs().max())
-    assert noise < 1e-4 and (seen - vectors(moved(PLAN, 0, 0, 0, mirror=True))).abs().max() > 20 * noise
-
-
-def test_a_storey_is_encoded_as_if_it_were_alone() -> None:
-    lower, upper = (a_graph(flat(np.random.default_rng(3), 14, 10), f, f) for f in ("low", "high"))
-    both = plan_features(dataclasses.replace(merged(lower, upper), floors=(Floor("low"), Floor("high"))))
-    assert (both.floor[both.neighbour] == both.floor[:, None])[both.neighbour >= 0].all()
-    alone = plan_features(lower)
-    assert np.allclose(both.edge[: len(alone)], alone.edge, atol=1e-5)
 
 
 @pytest.mark.parametrize(("noise", "rooms", "storeys"), [("drift", 3, 1), ("mis_segmented", 2, 2), ("real", 1, 1)])

@@ -197,19 +197,6 @@ def test_probabilities_of_a_bent_map(found: bent.DeformedHypotheses) -> None:
     )
 
 
-def test_alternatives_of_a_bent_map_are_counted_by_storeys(found: bent.DeformedHypotheses) -> None:
-    two = replace(found.scene.plan, storeys=(STOREY, replace(STOREY, floor="upper")))
-
-    def reason(*storey: int) -> str:
-        fields = replace(found.fields, storey=np.array([*storey, *[0] * (3 - len(storey))]))
-        every = replace(scored(found, 100.0, 100.0), scene=replace(found.scene, plan=two), fields=fields)
-        score = np.where(np.arange(3) < len(storey), 100.0, 0.0)
-        return deformed.verify(replace(every, score=score), PAIRS).reason
-
-    assert reason(0, 0).startswith("2 places ") and reason(0, 1).startswith("2 storeys ")
-    assert reason(0, 0, 1).startswith("3 places on 2 storeys ")
-
-
 def test_the_place_is_as_likely_as_it_stands_out() -> None:
     def probability(*nats: float) -> float:
         return place_probability(np.array(nats), 11.0, 20)

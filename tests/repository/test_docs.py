@@ -166,15 +166,11 @@ def material(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-RUNNABLE = [
-    pytest.param(page, id=name(page), marks=[] if page.name == "README.md" else [pytest.mark.long])
-    for page in PAGES
-    if any(block.language in ("bash", "sh", "python") for block in blocks(page))
-]
+RUNNABLE = [page for page in PAGES if any(block.language in ("bash", "sh", "python") for block in blocks(page))]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("page", RUNNABLE)
+@pytest.mark.long
+@pytest.mark.parametrize("page", RUNNABLE, ids=name)
 def test_every_snippet_of_the_page_runs(page: Path, material: Path, tmp_path: Path, monkeypatch: Any) -> None:
     """In order, in one folder; Python knows the names of the blocks before, and `scans`."""
     shutil.copytree(material, tmp_path, symlinks=True, dirs_exist_ok=True)
