@@ -1,5 +1,7 @@
 """The documentation says what is true: its snippets run, its links lead somewhere, its tables are of this version.
 
+Notebooks are pages whose code cells are snippets.
+
 A comment on the line before a block says what is special about it:
 
     <!-- not run: why -->    only its form is checked
@@ -7,12 +9,14 @@ A comment on the line before a block says what is special about it:
 """
 
 import argparse
+import json
 import os
 import re
 import shlex
 import shutil
 import subprocess
 import sys
+import tempfile
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -35,7 +39,7 @@ from sgslam.config.reference import parameters_page
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
-PAGES = sorted([*DOCS.rglob("*.md"), *ROOT.glob("*.md")])
+PAGES = sorted([*DOCS.rglob("*.md"), *ROOT.glob("*.md"), *DOCS.rglob("*.ipynb")])
 KNOWN = ("bash", "sh", "python", "yaml", "json", "text", "")
 MARK = re.compile(r"<!-- (not run|file): (.+) -->")
 
@@ -57,6 +61,12 @@ class Block:
 
 def blocks(page: Path) -> Iterator[Block]:
     """The fenced blocks of a page, in order."""
+    if page.suffix == ".ipynb":
+        for n, cell in enumerate(json.loads(page.read_text())["cells"]):
+            if cell["cell_type"] == "code":
+                assert cell["outputs"] == [] and cell["execution_count"] is None, f"{name(page)}: kept with its outputs"
+                yield Block(f"{name(page)}:{n}", "python", "".join(cell["source"]), None)
+        return
     lines, fence = page.read_text(encoding="utf-8").splitlines(), None
     for number, line in enumerate(lines):
         if line.lstrip().startswith("```"):
@@ -175,6 +185,8 @@ def test_every_snippet_of_the_page_runs(page: Path, material: Path, tmp_path: Pa
     """In order, in one folder; Python knows the names of the blocks before, and `scans`."""
     shutil.copytree(material, tmp_path, symlinks=True, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     names = {"__name__": "snippet", "scans": small_drive().scans}
     for block in blocks(page):
         mark, text = block.mark or ("", "")

@@ -107,24 +107,12 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
     [
         ("data", "from matching.arrays.walls import Walls"),
         ("matching", "def f():\n    import sgslam.slam"),
-        ("sgslam", "from evaluation import slam_ablation"),
         ("sgslam", "def f():\n    import torch"),
-        ("evaluation", "def f():\n    from torch import nn"),
-        ("matching", "import ifcopenshell.geom as geom"),
         ("factors", "import scipy.linalg"),
-        ("factors", "from data.geometry.poses import inverse"),
     ],
 )
 def test_an_import_that_breaks_the_rule_is_found(package: str, code: str) -> None:
     assert forbidden(package, code)
     assert not forbidden(package, "import json\nimport numpy as np\nfrom . import own")
-
-
-def test_an_import_upwards_or_in_a_circle_is_found() -> None:
-    modules = {
-        "data.common.low": "def f():\n    from data.scans.high import g",
-        "data.scans.high": "from data.common import low",
-    }
-    assert upwards("data", modules) == [("data.common.low", "data.scans.high.g")]
-    assert circles(modules) == [set(modules)]
-    assert not circles({"data.common.low": "import json", "data.scans.high": "from data.common.low import f"})
+    modules = {"data.common.low": "def f():\n    import data.scans.high", "data.scans.high": "import data.common.low"}
+    assert upwards("data", modules) == [("data.common.low", "data.scans.high")] and circles(modules) == [set(modules)]

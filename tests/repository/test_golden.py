@@ -3,12 +3,11 @@
 import copy
 import json
 from pathlib import Path
-from typing import Any
 
 import pytest
 from commands import refused
 from golden import worker
-from golden.differences import match_lines, plan_lines
+from golden.differences import plan_lines
 from golden.folders import content_lines, folder_lines
 
 
@@ -22,16 +21,6 @@ def test_what_is_made_twice_is_equal_and_what_moved_is_reported() -> None:
     wall["centroid"] = [wall["centroid"][0] + 0.25, wall["centroid"][1]]
     report = "\n".join(plan_lines(made, moved))
     assert gone["id"] in report and "0.25 m" in report
-    maps = worker.maps(Path("no public plans"), 6)
-    assert len(maps["maps"]) == 6 and maps == worker.maps(Path("no public plans"), 6)
-    answers = worker.matches("voting", maps)
-    assert len(answers) == 6 and match_lines(answers, worker.matches("voting", maps, answers)) == []
-    other: dict[str, Any] = copy.deepcopy(answers)
-    one = next(answer for answer in other.values() if answer["T_a_s"])
-    one["status"] = "of another kind"
-    one["T_a_s"][1] += 3.0
-    report = "\n".join(match_lines(answers, other))
-    assert "1 of 6 answers" in report and "of another kind" in report and "3 m" in report
 
 
 @pytest.mark.parametrize(

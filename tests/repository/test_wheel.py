@@ -10,11 +10,8 @@ import zipfile
 from importlib import metadata
 from pathlib import Path
 
-import numpy as np
 import pytest
-from boxes import pose, room, scan, scene_of
 from packaging.version import Version
-from small_ifc import write_small_ifc
 
 from data.common.build import PACKAGES
 
@@ -67,12 +64,3 @@ def test_the_commands_work_in_an_empty_folder(wheel: Path, tmp_path: Path) -> No
     (packages / "libraries.pth").write_text(sysconfig.get_paths()["purelib"] + "\n")
     assert str(environment) in called(python, "-c", "import data, matching; print(data.__file__)", cwd=tmp_path)
     assert all(line.split()[0] in ("ok", "note", "all") for line in called(sgslam, "doctor", cwd=tmp_path).splitlines())
-    building = write_small_ifc(tmp_path / "small.ifc").path
-    called(sgslam, "inspect-bim", building, "--out", "seen", "--method", "voting", "--jobs", 1, cwd=tmp_path)
-    (tmp_path / "scans").mkdir()
-    scene = scene_of(room(0, 0, 10, 3))
-    for n in range(4):
-        np.save(tmp_path / f"scans/{n}.npy", scan(scene, pose(2 + 0.1 * n, 1.5), seed=n))
-    words = ["--scan-dir", "scans", "--bim", building, "--out", "out", "--set", "matching.method=voting"]
-    called(sgslam, "run", *words, cwd=tmp_path)
-    assert (tmp_path / "out/report.html").is_file() and (tmp_path / "seen/inspection.html").is_file()

@@ -120,15 +120,6 @@ def test_several_pieces_cover_a_wall_together(parts: list[tuple[float, float]], 
     assert true_matches(s, PLAN, T_BIM_MAP).wall_surfaces["p0"] == wall.id.removeprefix("s/")
 
 
-def test_a_wall_seen_over_two_planned_ones_is_true_and_finds_both() -> None:
-    plan = a_graph([box(0, 0, 4, 3)])
-    wall = plan.wall_surfaces[0]
-    split = with_walls(plan, piece(wall, "left", 0, 0.4), piece(wall, "right", 0.4, 1), without=wall.id)
-    result = wall_scores(mapped(plan), split, T_BIM_MAP)
-    assert result.score.precision == result.score.recall == 1 and result.score.expected == 5
-    assert true_matches(mapped(plan), split, T_BIM_MAP).wall_surfaces[f"s/{wall.id}"] == "right"
-
-
 def test_only_what_could_be_seen_counts() -> None:
     part = SceneGraph("map", mapped().rooms[:2], tuple(w for w in mapped().wall_surfaces if w.room == "s/room0"))
     visible = {w.id for w in PLAN.wall_surfaces if w.room == "room0"}

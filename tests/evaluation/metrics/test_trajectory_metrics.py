@@ -173,20 +173,6 @@ def test_drift_of_a_scale_error_is_that_error_at_all_lengths() -> None:
     assert short.end_percent == pytest.approx(10) and short.mean_percent is None
 
 
-def test_drift_follows_the_definition_of_kitti_start_by_start() -> None:
-    percents = []
-    way = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(TRUTH.positions, axis=0), axis=1))])
-    for length in SUB_LENGTHS_M:
-        for i in range(len(way)):
-            beyond = [j for j in range(i, len(way)) if way[j] > way[i] + length]
-            if beyond:
-                true = np.linalg.inv(TRUTH.poses[i]) @ TRUTH.poses[beyond[0]]
-                ours = np.linalg.inv(ESTIMATE.poses[i]) @ ESTIMATE.poses[beyond[0]]
-                percents.append(100 * np.linalg.norm((np.linalg.inv(ours) @ true)[:3, 3]) / length)
-    result = drift(ESTIMATE, TRUTH)
-    assert result.mean_percent == pytest.approx(np.mean(percents))
-
-
 def noisy(covariance: Array, count: int = 400) -> tuple[Trajectory, Trajectory]:
     """An estimate whose true poses scatter about it by a covariance in its own axes, rotation first."""
     truth = wander(count)
