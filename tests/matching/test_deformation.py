@@ -95,25 +95,6 @@ def test_walls_that_end_elsewhere_tell_storeys_apart(seed: int) -> None:
     assert (result.status, result.floor) == ("unique", "ground")
 
 
-@pytest.mark.slow
-def test_a_wall_is_matched_whole_beside_a_better_seen_piece_of_it() -> None:
-    plan_wall = max(PLAN.wall_surfaces, key=lambda w: w.length)
-    along = np.array([-plan_wall.normal[1], plan_wall.normal[0]])
-
-    def piece(name: str, at: float, length: float, turned: float = 0.0) -> WallSurface:
-        yaw = np.arctan2(plan_wall.normal[1], plan_wall.normal[0]) + turned
-        centre = plan_wall.centroid + at * along
-        return dataclasses.replace(
-            plan_wall, id=name, centroid=tuple(centre), normal=(np.cos(yaw), np.sin(yaw)), length=length, room=None,
-        )  # fmt: skip
-
-    seen = [piece("short", -0.4, 0.4), piece("long", 0.0, 1.3, np.radians(6))]
-    others = tuple(w for w in PLAN.wall_surfaces if w is not plan_wall)
-    result = MATCHER.match(dataclasses.replace(PLAN, wall_surfaces=(*others, *seen)), PLAN)
-    matched = {s: a for s, a, _ in result.wall_surfaces}
-    assert matched["short"] == matched["long"] == plan_wall.id
-
-
 @pytest.mark.parametrize(("length", "matched"), [(0.3, True), (1.3, False)])
 def test_a_short_piece_may_slide_off_a_short_wall(length: float, matched: bool) -> None:
     """Where a wall's ends are seen to lie varies by 0.35 m: more than a pillar's side is long."""

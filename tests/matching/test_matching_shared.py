@@ -10,6 +10,7 @@ from plans import SHARED, a_graph, flat, moved, swiss
 
 from data import SceneGraph
 from data.geometry import se2
+from data.scene_graph import implausible
 from data.synthetic_maps.noise_models import draw
 
 pytestmark = pytest.mark.slow
@@ -42,6 +43,7 @@ def test_all_parts_of_a_map_that_a_published_system_built(method: str) -> None:
 def test_real_floors_with_the_noise_of_real_scans(method: str) -> None:
     names = sorted(p.stem for p in (SHARED / "data/floorplans/swiss_floors").glob("*.json"))[::2]
     plans, unique = {name: swiss(name) for name in names}, 0
+    assert [implausible(plan) for plan in plans.values()] == [None] * len(names)
     for n, name in enumerate(names):
         truth = draw(plans[name], "real", np.random.default_rng(n), 6)
         result, centre = matcher(method).match(truth.s_graph, plans[name]), truth.s_graph.centroid()

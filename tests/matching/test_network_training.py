@@ -1,6 +1,5 @@
 """Training of the learned proposals and their published relatives: data, learning, resuming, mistakes."""
 
-import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -118,9 +117,7 @@ def test_pairs_of_a_batch_do_not_disturb_each_other(kind: str) -> None:
     other = draw(GRAPHS[1], "mis_segmented", np.random.default_rng(3), 2)
     with torch.inference_mode():
         alone, _ = run(network, batch_of([(GRAPHS[2], [DRAWN])]), CPU)
-        both, truth = run(
-            network, batch_of([(GRAPHS[1], [other]), (GRAPHS[2], [DRAWN, dataclasses.replace(DRAWN)])]), CPU
-        )
+        both, truth = run(network, batch_of([(GRAPHS[1], [other]), (GRAPHS[2], [DRAWN, DRAWN])]), CPU)
     n, m = len(alone.dense), alone.dense.shape[1] - 1
     for rows in (both.dense[-2 * n : -n], both.dense[-n:]):
         assert torch.allclose(rows[:, :m], alone.dense[:, :m], atol=2e-3)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plans import SHARED, a_graph, box, flat, moved, offices, swiss
+from plans import a_graph, box, flat, moved, offices
 
 from data import Door, Room, SceneGraph, UserError, WallSurface
 from data.generation.buildings import generate_plan
@@ -55,12 +55,6 @@ def test_no_drawn_plan_and_no_drawn_map_is_taken_for_wrong(kind: str) -> None:
     plan = generate_plan(kind, 0).graph
     maps = [draw(plan, noise, np.random.default_rng(0), n).s_graph for noise in NOISE_MODELS for n in (1, 4)]
     assert [reason for graph in (plan, *maps) if (reason := implausible(graph)) is not None] == []
-
-
-@pytest.mark.skipif(not SHARED.is_dir(), reason=f"no folder of real plans at {SHARED}")
-def test_no_real_plan_is_taken_for_wrong() -> None:
-    names = [path.stem for path in (SHARED / "data/floorplans/swiss_floors").glob("*.json")]
-    assert names and not [name for name in names if implausible(swiss(name)) is not None]
 
 
 def test_the_matcher_says_which_graph_is_wrong() -> None:

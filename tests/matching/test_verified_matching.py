@@ -12,7 +12,6 @@ from data import SceneGraph, WallSurface
 from data.geometry import se2
 from data.synthetic_maps.noise_models import DrawnGraph, draw
 from matching import MatchResult
-from matching.arrays import storeys
 
 PLAN = a_graph(flat(np.random.default_rng(3)), "ground")
 OTHER = a_graph(flat(np.random.default_rng(4)), "ground", "other")
@@ -71,13 +70,6 @@ def test_a_building_far_away_changes_nothing(method: str, at: tuple[float, float
         assert {pair[:2] for pair in one} == {pair[:2] for pair in other}
     assert beside.T_a_s == pytest.approx(alone.T_a_s, abs=1e-3)
     assert beside.hypotheses[0].score == pytest.approx(alone.hypotheses[0].score, abs=0.5)
-
-
-def test_land_that_is_not_built_on_does_not_count() -> None:
-    (one,), (other,), (site,) = (storeys(g) for g in (PLAN, OTHER, merged(moved(OTHER, 0.3, 700.0, -400.0), PLAN)))
-    assert site.area == pytest.approx(one.area + other.area, rel=0.01)
-    hall = a_graph([[(0, 0), (90, 0), (90, 60), (0, 60)]])
-    assert storeys(hall)[0].area == pytest.approx(91 * 61)
 
 
 def test_finds_the_storey_and_equal_storeys_are_ambiguous_until_it_is_known(method: str) -> None:

@@ -3,7 +3,8 @@ libraries have one home each."""
 
 import ast
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 
 import networkx
@@ -31,13 +32,16 @@ FLOORS = {  # sub-packages and modules of each package, the lowest first
 }
 
 
-def imported(code: str) -> Iterator[tuple[int, str]]:
+@cache
+def imported(code: str) -> list[tuple[int, str]]:
     """Line and module of every import, also of those within functions; `from a import b` gives a.b."""
+    found = []
     for node in ast.walk(ast.parse(code)):
         if isinstance(node, ast.Import):
-            yield from ((node.lineno, alias.name) for alias in node.names)
+            found += [(node.lineno, alias.name) for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and not node.level:
-            yield from ((node.lineno, f"{node.module}.{alias.name}") for alias in node.names)
+            found += [(node.lineno, f"{node.module}.{alias.name}") for alias in node.names]
+    return found
 
 
 def forbidden(package: str, code: str) -> list[tuple[int, str]]:
@@ -51,6 +55,7 @@ def forbidden(package: str, code: str) -> list[tuple[int, str]]:
     return found
 
 
+@cache
 def sources(package: str) -> dict[str, str]:
     """The code of a package's modules by their names."""
     paths = sorted((ROOT / package).rglob("*.py"))

@@ -15,20 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 from data import SceneGraph
 from matching import Matcher, MatchResult
-from sgslam import Config, KissOdometry, Result, SceneGraphSlam, Update, UserError, __version__, load_bim
+from sgslam import Config, KissOdometry, Result, SceneGraphSlam, Update, __version__, load_bim
 import sgslam
 
 bim = load_bim("building.ifc")
 assert_type(bim.graph, SceneGraph)
 matcher = Matcher.load("voting")
 config = Config()
-assert_type(config.odometry.voxel_size, float)
 slam = SceneGraphSlam(bim=bim, matcher=matcher, config=config, odometry=KissOdometry(config.odometry))
 points = np.zeros((9, 3), np.float32)
-try:
-    update = slam.add_scan(0, points, point_times=np.zeros(9), T_odom_sensor=np.eye(4))
-except UserError as error:
-    raise
+update = slam.add_scan(0, points, point_times=np.zeros(9), T_odom_sensor=np.eye(4))
 assert_type(update, Update)
 assert_type((update.stamp_ns, update.keyframes, update.anchored), tuple[int, int, bool])
 assert_type(update.T_map_sensor, NDArray[np.float64])
@@ -36,10 +32,8 @@ assert_type(update.T_map_sensor, NDArray[np.float64])
 result = slam.finish()
 assert_type(result, Result)
 assert_type((result.anchored, result.reason, result.keyframes), tuple[bool, str, int])
-assert_type(result.trajectory.stamps_ns, NDArray[np.int64])
 assert_type(result.trajectory.poses, NDArray[np.float64])
 assert_type(result.T_bim_map, NDArray[np.float64] | None)
-assert_type((result.s_graph, result.a_graph), tuple[SceneGraph, SceneGraph | None])
 for deviation in result.deviations:
     if deviation["kind"] == "moved":
         assert_type(deviation["offset_m"], float)
