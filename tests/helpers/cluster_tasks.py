@@ -1,7 +1,5 @@
 """Work for a cluster whose workers are to be tried."""
 
-import os
-import signal
 import time
 from pathlib import Path
 
@@ -11,13 +9,6 @@ from data.common.build import build
 
 def slowly_doubled(n: int) -> int:
     time.sleep(0.05)
-    return 2 * n
-
-
-def deadly(n: int) -> int:
-    """Three ends whatever process it is worked on in."""
-    if n == 3:
-        os.kill(os.getpid(), signal.SIGKILL)
     return 2 * n
 
 

@@ -14,8 +14,6 @@ from plans import a_graph, box, flat, merged, moved
 from data import SceneGraph
 from data.geometry import se2
 from data.synthetic_maps.noise_models import draw
-from evaluation.matching_benchmark.pairs import truth_of
-from evaluation.metrics.matches import unique_is_wrong
 from matching import Matcher, MatchResult
 from matching.match import main
 
@@ -66,7 +64,7 @@ def paired(result: MatchResult) -> set[tuple[str, str]]:
 
 
 @pytest.mark.parametrize("of", MAPS)
-def test_an_answer_has_the_form_of_matches_json(method: str, of: str) -> None:
+def test_an_answer_has_the_form_of_matches_json_and_is_its_first_hypothesis(method: str, of: str) -> None:
     s, a = MAPS[of]
     result = matcher(method).match(s, a)
     value = json.loads(json.dumps(result.to_dict(), allow_nan=False))
@@ -80,15 +78,8 @@ def test_an_answer_has_the_form_of_matches_json(method: str, of: str) -> None:
                               ("wall_surfaces", s.surface_by_id, a.surface_by_id)):  # fmt: skip
         assert all(i in in_s and j in in_a and 0 <= c <= 1 for i, j, c in value[pairs])
         assert len({i for i, _, _ in value[pairs]}) == len(value[pairs])
-
-
-@pytest.mark.parametrize("of", MAPS)
-def test_hypotheses_are_sorted_and_the_answer_is_the_first(method: str, of: str) -> None:
-    s, a = MAPS[of]
-    result = matcher(method).match(s, a)
     scores = [h.score for h in result.hypotheses]
-    assert scores == sorted(scores, reverse=True)
-    assert bool(scores) or result.status == "none"
+    assert scores == sorted(scores, reverse=True) and (scores or result.status == "none")
     if scores:
         first = result.hypotheses[0]
         assert first.floor == result.floor and result.T_a_s in (None, first.T_a_s)
@@ -206,9 +197,8 @@ def test_a_mirrored_flat_without_noise_is_not_unique(method: str, seed: int) -> 
 
 
 def test_another_building_is_not_unique(method: str) -> None:
-    others = [as_map(a_graph(flat(np.random.default_rng(seed), 11, 8))) for seed in (6, 7)]
-    statuses = {matcher(method).match(s, SMALL).status for s in (as_map(CHIRAL_PLAN), *others)}
-    assert "unique" not in statuses
+    for s in (as_map(CHIRAL_PLAN), *(as_map(a_graph(flat(np.random.default_rng(k), 11, 8))) for k in (6, 7))):
+        assert matcher(method).match(s, SMALL).status != "unique"
 
 
 def test_equal_storeys_are_not_unique(method: str) -> None:
@@ -217,8 +207,10 @@ def test_equal_storeys_are_not_unique(method: str) -> None:
 
 @pytest.mark.parametrize("noise", ["real", "drift", "mis_segmented"])
 def test_a_unique_answer_is_right(method: str, noise: str) -> None:
-    wrong = []
-    for seed in range(8):
+    for seed in range(8 if method != "combinatorial-grid" else 3):
         drawn = draw(SMALL, noise, np.random.default_rng(seed), 2 + seed % 5)
-        wrong.append(unique_is_wrong(matcher(method).match(drawn.s_graph, SMALL), truth_of(drawn), drawn.deformed))
-    assert not any(wrong)
+        result = matcher(method).match(drawn.s_graph, SMALL)
+        if result.status == "unique":
+            assert result.floor == drawn.floor and {(i, j) for i, j, _ in result.rooms} <= {*drawn.rooms.items()}
+            there, true = (se2.apply(np.array(T), drawn.s_graph.centroid()) for T in (result.T_a_s, drawn.T_a_s))
+            assert math.hypot(*(there - true)) < (1.0 if drawn.deformed else 0.5)

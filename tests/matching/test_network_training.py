@@ -1,48 +1,69 @@
-"""Training: the same data for the same seed, going on after a kill, the command."""
+"""Training of the learned proposals and their published relatives: data, learning, resuming, mistakes."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 import torch
 from commands import refused
 from plans import a_graph, flat
 
+from data import UserError
 from data.plans.sources import Plan
+from data.synthetic_maps.noise_models import draw
+from matching import Matcher
+from matching.learned.torch_weights import load_network, save_network
 from matching.network.dimensions import Settings
-from matching.training.data import Drawing
+from matching.network.registry import KINDS, network_of, settings_of
+from matching.training.data import Drawing, batch_of, part, varied
+from matching.training.loss import accuracies, loss, run
 from matching.training.stream import batches
 from matching.training.trainer import Limits, Training, train
 
-pytestmark = pytest.mark.slow
-
 TINY = Settings(width=16, layers=1, candidates=4, cycles=1, rounds=1, state=16)
 CPU = torch.device("cpu")
+GRAPHS = [a_graph(flat(np.random.default_rng(k), 9, 7)) for k in range(3)]
+DRAWN = draw(GRAPHS[2], "real", np.random.default_rng(0), 2)
+
+
+@pytest.fixture(autouse=True)
+def _one_thread() -> None:
+    torch.set_num_threads(1)
 
 
 @pytest.fixture(scope="module")
 def drawing() -> Drawing:
-    graphs = [a_graph(flat(np.random.default_rng(k), 9, 7)) for k in range(3)]
-    return Drawing(tuple(Plan(f"p{k}", f"b{k}", g) for k, g in enumerate(graphs)), {})
+    return Drawing(tuple(Plan(f"p{k}", f"b{k}", g) for k, g in enumerate(GRAPHS)), {})
 
 
-def test_a_step_has_the_same_batch_whoever_draws_it(drawing: Drawing, scheduler: str):
+def test_varied_plans_and_parts_keep_walls_and_rooms_together() -> None:
+    plan = a_graph(flat(np.random.default_rng(3), 10, 8))
+    for seed in range(4):
+        a = varied(plan, np.random.default_rng(seed))
+        for w in a.wall_surfaces:
+            room = shapely.Polygon(a.room_by_id[w.room or ""].polygon)
+            assert shapely.contains_xy(room, *(np.array(w.centroid) + 0.02 * np.array(w.normal)))
+            assert all(room.exterior.distance(shapely.Point(end)) < 1e-6 for end in w.ends())
+    some = part(plan, 20, np.random.default_rng(0))
+    assert 20 < len(some.wall_surfaces) < len(plan.wall_surfaces)
+    for r in some.rooms:
+        assert {w.id for w in some.surfaces_of_room[r.id]} == {w.id for w in plan.surfaces_of_room[r.id]}
+
+
+@pytest.mark.slow
+def test_a_step_has_the_same_batch_whoever_draws_it(drawing: Drawing, scheduler: str) -> None:
     with batches(drawing, 5, 1, 0) as here:
         expected = [next(here) for _ in range(3)]
     for workers, cluster in ((2, None), (1, scheduler)):
         with batches(drawing, 5, 1, workers, cluster) as there:
-            found = [next(there) for _ in range(3)]
-        for one, other in zip(expected, found, strict=True):
-            assert one.s.walls == other.s.walls and np.array_equal(one.walls, other.walls)
-            assert np.array_equal(one.a.edge, other.a.edge)
-    assert not np.array_equal(expected[0].walls, expected[1].walls)
-    assert (expected[0].walls >= 0).any()
+            for one, other in zip(expected, (next(there) for _ in range(3)), strict=True):
+                assert np.array_equal(one.walls, other.walls) and np.array_equal(one.a.edge, other.a.edge)
+    assert not np.array_equal(expected[0].walls, expected[1].walls) and (expected[0].walls >= 0).any()
 
 
-def test_a_run_that_was_stopped_goes_on_as_if_it_had_not_been(drawing: Drawing, tmp_path: Path):
-    torch.set_num_threads(1)
+@pytest.mark.slow
+def test_training_goes_on_after_a_kill_as_if_it_had_not_been(drawing: Drawing, tmp_path: Path) -> None:
     watched = {"some": drawing.batch(99, 0)}
 
     def ran(training: Training, killed_at: int | None = None) -> Training:
@@ -66,20 +87,45 @@ def test_a_run_that_was_stopped_goes_on_as_if_it_had_not_been(drawing: Drawing, 
         assert torch.equal(one, other)
 
 
-def command(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "matching.train", *arguments], capture_output=True, text=True, timeout=120
-    )  # fmt: skip
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_pair_is_learned_and_its_weights_are_of_one_kind(kind: str, tmp_path: Path) -> None:
+    torch.manual_seed(0)
+    settings = TINY if kind == "learned" else settings_of(kind)
+    network, batch = network_of(settings), batch_of([(GRAPHS[2], [DRAWN])])
+    optimizer = torch.optim.AdamW(network.parameters(), 2e-3)
+    losses = []
+    for _ in range(14):
+        value = loss(*run(network, batch, CPU))
+        losses.append(value.item())
+        optimizer.zero_grad()
+        value.backward()
+        torch.nn.utils.clip_grad_norm_(network.parameters(), 2.0)
+        optimizer.step()
+    assert losses[-1] < 0.9 * losses[0] and accuracies(*run(network, batch, CPU))["within"][0] > 0.5
+    save_network(tmp_path / "n.pt", network)
+    result = Matcher.load(f"{kind}@{tmp_path / 'n.pt'}").match(DRAWN.s_graph, GRAPHS[2])
+    assert result.status in ("unique", "ambiguous", "none")
+    with pytest.raises(UserError, match="version"):
+        load_network(tmp_path / "n.pt", next(other for other in KINDS if other != kind))
 
 
-def test_help_does_not_load_torch():
-    code = "import sys, matching, matching.train\ntry:\n matching.train.main(['--help'])\nexcept SystemExit: pass\n"
-    code += "assert 'torch' not in sys.modules"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, timeout=60).returncode == 0
+@pytest.mark.parametrize("kind", KINDS)
+def test_pairs_of_a_batch_do_not_disturb_each_other(kind: str) -> None:
+    torch.manual_seed(0)
+    network = network_of(TINY if kind == "learned" else settings_of(kind)).eval().requires_grad_(False)
+    other = draw(GRAPHS[1], "mis_segmented", np.random.default_rng(3), 2)
+    with torch.inference_mode():
+        alone, _ = run(network, batch_of([(GRAPHS[2], [DRAWN])]), CPU)
+        both, truth = run(network, batch_of([(GRAPHS[1], [other]), (GRAPHS[2], [DRAWN, DRAWN])]), CPU)
+    n, m = len(alone.dense), alone.dense.shape[1] - 1
+    for rows in (both.dense[-2 * n : -n], both.dense[-n:]):
+        assert torch.allclose(rows[:, :m], alone.dense[:, :m], atol=2e-3)
+        assert torch.allclose(rows[:, -1], alone.dense[:, -1], atol=2e-3)
+    assert np.isfinite(loss(both, truth).item())
 
 
-def test_mistakes_give_one_line(tmp_path: Path):
-    for arguments in (("--plans", tmp_path / "none"), ("--device", "abacus")):
+@pytest.mark.slow
+def test_mistakes_give_one_line(tmp_path: Path) -> None:
+    for arguments in (("--plans", tmp_path / "none"), ("--device", "abacus"), ("--steps", "0")):
         refused("matching.train", "--out", tmp_path / "out", *arguments)
-    done = command("--out", str(tmp_path / "out"), "--steps", "0")
-    assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr

@@ -1,5 +1,6 @@
 """Factors: Jacobians by finite differences, independence of the origin, recovered frames, bad input."""
 
+import os
 import shutil
 import subprocess
 import sys
@@ -12,7 +13,6 @@ import pytest
 from gtsam.symbol_shorthand import B, F, O, P, R, X
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from snippets import blocks
 
 import factors
 
@@ -143,12 +143,6 @@ def test_an_anchor_near_its_wall_does_not_depend_on_where_the_bim_begins(seed: i
     assert errors[0] > 1 and errors[1] == pytest.approx(errors[0], rel=1e-6)
 
 
-def test_a_plane_as_its_anchor_saw_it_knows_nothing_of_the_map() -> None:
-    """It names no pose but the fixed identity, so that no motion of the map changes it."""
-    factor = factors.observe_own_plane([1, 0, 0, 2], O(0), P(0), factors.noise_of_plane(0.1, 0.1, None))
-    assert sorted(factor.keys()) == sorted([O(0), P(0)])
-
-
 @pytest.mark.parametrize("name", [name for name in ALL if name != "own"])
 def test_the_error_does_not_depend_on_where_the_map_begins(name: str) -> None:
     rng = np.random.default_rng(7)
@@ -275,15 +269,12 @@ def test_fit_room_averages_what_disagrees() -> None:
     np.testing.assert_allclose(fitted[:3, 3], [-0.01, 0, 0], atol=1e-9)
 
 
-@pytest.mark.parametrize("chosen", [[], [0], [0, 1], [0, 0]])
-def test_fit_room_refuses_what_could_slide(chosen: list[int]) -> None:
-    planes = np.array(BOUNDS, dtype=float)[chosen]
-    assert factors.fit_room(planes, planes) is None
-
-
-def test_fit_room_refuses_walls_that_are_nearly_parallel() -> None:
-    planes = np.array([[1, 0, 0, 1], [np.cos(0.1), np.sin(0.1), 0, 1]])
-    assert factors.fit_room(planes, planes) is None
+@pytest.mark.parametrize(
+    "planes", [[], BOUNDS[:1], BOUNDS[:2], [BOUNDS[0]] * 2, [(1, 0, 0, 1), (np.cos(0.1), np.sin(0.1), 0, 1)]]
+)
+def test_fit_room_refuses_walls_along_which_it_could_slide(planes: list[tuple[float, ...]]) -> None:
+    walls = np.array(planes, dtype=float).reshape(-1, 4)
+    assert factors.fit_room(walls, walls) is None
 
 
 def test_plane_from_wall_holds_the_wall() -> None:
@@ -307,12 +298,9 @@ def test_noise_refuses_sigmas_that_cannot_be(bad: float) -> None:
     ):
         with pytest.raises(ValueError, match="sigmas"):
             build()
-
-
-@pytest.mark.parametrize("bad", [0.0, -1.0, np.nan])
-def test_noise_refuses_a_threshold_that_cannot_be(bad: float) -> None:
-    with pytest.raises(ValueError, match="huber"):
-        factors.noise_of_plane(0.1, 0.1, bad)
+    if not np.isinf(bad):
+        with pytest.raises(ValueError, match="huber"):
+            factors.noise_of_plane(0.1, 0.1, bad)
 
 
 @pytest.mark.parametrize(
@@ -331,20 +319,17 @@ def test_planes_are_refused_unless_four_finite_numbers_with_a_unit_normal(bad: l
             build(np.array(bad, dtype=float))
 
 
-def test_a_storey_or_room_that_is_not_finite_is_refused() -> None:
-    with pytest.raises(ValueError, match="unit normal"):
-        factors.storey_plane(np.nan, B(0), X(0), F(0), factors.noise_of_plane(0.1, 0.1, None))
-    T_bim_room = np.eye(4)
-    T_bim_room[0, 3] = np.nan
-    with pytest.raises(ValueError, match="T_bim_room"):
-        factors.anchor_room(T_bim_room, B(0), R(0), 0.1, 0.1)
-
-
 @pytest.mark.parametrize("place", [[0, 0], [0, 0, np.nan], [np.inf, 0, 0]])
 def test_a_place_is_three_finite_numbers(place: list[float]) -> None:
     for build in (lambda: factors.frame_at(place, B(0), X(7)), lambda: factors.plane_from(place, BOUNDS[0])):
         with pytest.raises(ValueError, match="a place must be three finite numbers"):
             build()
+    T_bim_room = np.eye(4)
+    T_bim_room[0, 3] = np.nan
+    with pytest.raises(ValueError, match="T_bim_room"):
+        factors.anchor_room(T_bim_room, B(0), R(0), 0.1, 0.1)
+    with pytest.raises(ValueError, match="unit normal"):
+        factors.storey_plane(np.nan, B(0), X(0), F(0), factors.noise_of_plane(0.1, 0.1, None))
 
 
 ALONE = """
@@ -355,22 +340,27 @@ class Nothing:
         if name.split(".")[0] not in allowed:
             raise ImportError(f"{name} is blocked")
 sys.meta_path.insert(0, Nothing())
-sys.path.insert(0, sys.argv[1])
-exec(compile(open(sys.argv[2]).read(), sys.argv[2], "exec"), {"__name__": "__main__"})
-import factors
+import factors, gtsam
+noise = factors.noise_of_plane(0.01, 0.02, None)
+graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+graph.add(factors.observe_plane([0, 0, 1, 1.5], 1, 0, 2, noise))
+for key in (0, 1):
+    values.insert(key, gtsam.Pose3())
+    graph.add(gtsam.PriorFactorPose3(key, gtsam.Pose3(), factors.noise_of_pose(0.01, 0.01)))
+values.insert(2, gtsam.OrientedPlane3([0, 0, 1, 1.0]))
+plane = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize().atOrientedPlane3(2)
+assert abs(plane.planeCoefficients().ravel()[3] - 1.5) < 1e-6
 print(factors.__file__)
 """
 
 
 @pytest.mark.slow
 def test_the_factors_work_alone_beside_gtsam_and_numpy(tmp_path: Path) -> None:
-    """Taken out of the project, with every other package blocked, they carry the example of their page."""
-    root = Path(__file__).parents[2]
-    shutil.copytree(root / "factors", tmp_path / "factors", ignore=shutil.ignore_patterns("__pycache__"))
-    example = tmp_path / "example.py"
-    page = root / "docs/python_api.md"
-    example.write_text(next(block.text for block in blocks(page) if block.text.startswith("import gtsam\n")))
-    command = [sys.executable, "-c", ALONE, str(tmp_path), str(example)]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
+    """Taken out of the project, with every other package blocked."""
+    source = Path(factors.__file__).parent
+    shutil.copytree(source, tmp_path / "factors", ignore=shutil.ignore_patterns("__pycache__"))
+    command = [sys.executable, "-c", ALONE]
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment, check=False)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines()[-1] == str(tmp_path / "factors/__init__.py")
+    assert done.stdout.split() == [str(tmp_path / "factors/__init__.py")]

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plans import SHARED, a_graph, box, flat, merged, moved, offices, swiss
+from plans import a_graph, box, flat, merged, moved, offices
 from scipy.spatial.transform import Rotation
 
 from data import Room, SceneGraph, WallSurface
@@ -13,8 +13,8 @@ from data.common.errors import UserError
 from data.geometry import se2
 from data.synthetic_maps.noise_models import draw
 from evaluation.metrics.maps import room_scores, wall_scores
-from evaluation.metrics.surface_overlap import best_rigid_fit, plan_motion
-from evaluation.metrics.true_matches import representatives, true_matches
+from evaluation.metrics.surface_overlap import best_rigid_fit
+from evaluation.metrics.true_matches import true_matches
 from sgslam.geometry.frames import se2_to_se3
 
 PLAN = a_graph(offices([3.0, 4.0, 3.5], [5.0, 5.6]), "ground")
@@ -59,9 +59,10 @@ def test_a_perfect_map_scores_perfectly() -> None:
     for score in (walls.score, rooms.score):
         assert score.precision == score.recall == score.f1 == 1
     assert walls.offset_mm is not None and walls.offset_mm.max < 1e-6
-    assert walls.angle_deg is not None and walls.angle_deg.max < 1e-6
     assert np.allclose(np.array(rooms.iou, float), 1) and max(rooms.centroid_m) < 1e-6
-    assert set(walls.pairs) == {(f"s/{w.id}", w.id) for w in PLAN.wall_surfaces}
+    unmeasured = tuple(dataclasses.replace(w, length=None) for w in mapped().wall_surfaces)
+    unknown = wall_scores(dataclasses.replace(mapped(), wall_surfaces=unmeasured), PLAN, T_BIM_MAP)
+    assert set(walls.pairs) == set(unknown.pairs) == {(f"s/{w.id}", w.id) for w in PLAN.wall_surfaces}
 
 
 def test_scores_do_not_depend_on_where_the_frames_lie() -> None:
@@ -84,21 +85,6 @@ def test_offsets_and_angles_are_those_that_were_put_in() -> None:
     assert np.allclose(result.angle_rad, angle, atol=1e-9)
     assert np.allclose(result.offset_m, offset, atol=1e-3)  # in the middle of what overlaps, not of the wall
     assert result.offset_mm is not None and result.offset_mm.max == pytest.approx(1000 * np.abs(offset).max(), abs=1)
-
-
-def test_an_offset_is_taken_where_the_walls_overlap() -> None:
-    plan = SceneGraph("bim", (), (WallSurface("a", None, (0.0, 0.0), (0.0, 1.0), 2.0),))
-    tilt = 0.1  # the S wall crosses the A wall's line at x = 0 and is long to one side only
-    normal = (-np.sin(tilt), np.cos(tilt))
-    long = WallSurface("s", None, (3.9, 3.9 * np.tan(tilt)), normal, 8.2 / np.cos(tilt))
-    result = wall_scores(SceneGraph("map", (), (long,)), plan, np.eye(4))
-    assert result.pairs == () and result.score.found == 1  # 4 cm off at 0.4 m, 39 cm in its own middle
-    short = dataclasses.replace(long, length=7 / np.cos(tilt), centroid=(2.5, 2.5 * np.tan(tilt)))
-    result = wall_scores(SceneGraph("map", (), (short,)), plan, np.eye(4))
-    assert result.pairs == () and result.score == dataclasses.replace(result.score, right=0, found=1)
-    near = dataclasses.replace(short, length=3 / np.cos(tilt), centroid=(0.5, 0.5 * np.tan(tilt)))
-    result = wall_scores(SceneGraph("map", (), (near,)), plan, np.eye(4))
-    assert result.offset_m == pytest.approx([0.0], abs=1e-9) and result.angle_rad == pytest.approx([tilt])
 
 
 @pytest.mark.parametrize(
@@ -132,15 +118,6 @@ def test_several_pieces_cover_a_wall_together(parts: list[tuple[float, float]], 
     assert (wall.id.removeprefix("s/") not in result.missed) == found
     assert result.score.precision == 1
     assert true_matches(s, PLAN, T_BIM_MAP).wall_surfaces["p0"] == wall.id.removeprefix("s/")
-
-
-def test_a_wall_seen_over_two_planned_ones_is_true_and_finds_both() -> None:
-    plan = a_graph([box(0, 0, 4, 3)])
-    wall = plan.wall_surfaces[0]
-    split = with_walls(plan, piece(wall, "left", 0, 0.4), piece(wall, "right", 0.4, 1), without=wall.id)
-    result = wall_scores(mapped(plan), split, T_BIM_MAP)
-    assert result.score.precision == result.score.recall == 1 and result.score.expected == 5
-    assert true_matches(mapped(plan), split, T_BIM_MAP).wall_surfaces[f"s/{wall.id}"] == "right"
 
 
 def test_only_what_could_be_seen_counts() -> None:
@@ -197,24 +174,17 @@ def test_rooms_without_polygons_are_known_by_their_walls() -> None:
     assert true_matches(without_walls, PLAN, T_BIM_MAP).rooms == {}
 
 
-def test_lengths_may_be_unknown() -> None:
-    walls = tuple(dataclasses.replace(w, length=None) for w in mapped().wall_surfaces)
-    result = wall_scores(dataclasses.replace(mapped(), wall_surfaces=walls), PLAN, T_BIM_MAP)
-    assert result.score.precision == 1
-    assert set(result.pairs) == {(f"s/{w.id}", w.id) for w in PLAN.wall_surfaces}
-
-
-def test_a_tilted_map_frame_is_levelled_and_others_are_refused() -> None:
+@pytest.mark.parametrize(
+    ("T", "message"),
+    [(np.diag([1.0, -1, -1, 1]), "upside down"), (np.eye(3), "rigid"), (np.diag([1.0, 1, -1, 1]), "rigid"),
+     (np.eye(4) * np.nan, "rigid")],
+)  # fmt: skip
+def test_a_tilted_map_frame_is_levelled_and_others_are_refused(T: Any, message: str) -> None:
     tilt = np.eye(4)
     tilt[:3, :3] = Rotation.from_rotvec([0.2, -0.3, 0.0]).as_matrix()  # the smallest turn that levels the map
-    assert np.allclose(plan_motion(T_BIM_MAP @ tilt), plan_motion(T_BIM_MAP), atol=1e-12)
-    assert np.allclose(plan_motion(T_BIM_MAP), se2.inverse(np.array(T_MAP_BIM)), atol=1e-12)
-    for T, message in (
-        (np.diag([1.0, -1, -1, 1]), "upside down"), (np.eye(3), "rigid"), (np.diag([1.0, 1, -1, 1]), "rigid"),
-        (np.eye(4) * np.nan, "rigid"),
-    ):  # fmt: skip
-        with pytest.raises(UserError, match=message):
-            wall_scores(mapped(), PLAN, T)
+    assert wall_scores(mapped(), PLAN, T_BIM_MAP @ tilt).score.f1 == 1
+    with pytest.raises(UserError, match=message):
+        wall_scores(mapped(), PLAN, T)
 
 
 def test_storeys_are_not_laid_on_each_other() -> None:
@@ -225,17 +195,7 @@ def test_storeys_are_not_laid_on_each_other() -> None:
     assert true_matches(mapped(), tower.on_floor("upper"), T_BIM_MAP).floor == "upper"
 
 
-def test_the_bearers_are_the_longest_piece_and_the_larger_room() -> None:
-    perfect = mapped()
-    wall = perfect.wall_surfaces[0]
-    s = with_walls(perfect, piece(wall, "p0", 0, 0.4), piece(wall, "p1", 0.45, 1), without=wall.id)
-    rooms, walls = representatives(true_matches(s, PLAN, T_BIM_MAP), s)
-    assert walls == {w.id for w in s.wall_surfaces} - {"p0"} and rooms == {r.id for r in s.rooms}
-    parts = SceneGraph("map", (room_of(box(0, 0, 1, 5), "small"), room_of(box(1, 0, 2, 5), "large")))
-    assert representatives(true_matches(parts, PLAN, T_BIM_MAP), parts)[0] == {"largeroom0"}
-
-
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_true_matches_of_noisy_maps_are_those_they_were_drawn_from(seed: int) -> None:
     plan = a_graph(flat(np.random.default_rng(seed)), "ground")
     truth = draw(plan, "real", np.random.default_rng(seed), 6)
@@ -246,45 +206,12 @@ def test_true_matches_of_noisy_maps_are_those_they_were_drawn_from(seed: int) ->
     assert np.allclose(found.T_a_s, truth.T_a_s)
 
 
-@pytest.mark.parametrize("far", [0.0, 3e6])
-def test_the_rigid_fit_recovers_a_motion_and_does_best_on_a_bent_map(far: float) -> None:
-    plan = moved(PLAN, 0.3, far, far)
-    matches = {f"s/{w.id}": w.id for w in PLAN.wall_surfaces}
-    fit = best_rigid_fit(mapped(), plan, matches)
-    expected = se2.compose(np.array([0.3, far, far]), se2.inverse(np.array(T_MAP_BIM)))
+def test_the_rigid_fit_recovers_a_motion_and_refuses_what_it_cannot_know() -> None:
+    plan = moved(PLAN, 0.3, 3e6, 3e6)
+    fit = best_rigid_fit(mapped(), plan, {f"s/{w.id}": w.id for w in PLAN.wall_surfaces})
+    expected = se2.compose(np.array([0.3, 3e6, 3e6]), se2.inverse(np.array(T_MAP_BIM)))
     assert np.allclose(fit, expected, atol=1e-8, rtol=0)
-    drawn = draw(PLAN, "drift", np.random.default_rng(1), 5)
-    fit = best_rigid_fit(drawn.s_graph, PLAN, drawn.wall_surfaces)
-
-    def cost(T_a_s: Any) -> float:
-        walls = [(drawn.s_graph.surface_by_id[s], PLAN.surface_by_id[a]) for s, a in drawn.wall_surfaces.items()]
-        return sum(
-            float((se2.apply(T_a_s, np.array(end)) - a.centroid) @ a.normal) ** 2 for s, a in walls for end in s.ends()
-        )
-
-    for nudge in np.vstack([np.eye(3), -np.eye(3)]) * [1e-3, 1e-2, 1e-2]:
-        assert cost(fit + nudge) > cost(fit)
-
-
-def test_a_rigid_fit_that_is_not_determined_is_refused() -> None:
     corridor = {f"s/{w.id}": w.id for w in PLAN.wall_surfaces if abs(w.normal[0]) < 0.1}
-    stranger = {"s/room0/0": "x"}
-    for matches, message in ((corridor, "parallel"), ({}, "0 true matches"), (stranger, "no wall surface 'x'")):
+    for matches, message in ((corridor, "parallel"), ({}, "0 true matches"), ({"s/room0/0": "x"}, "surface 'x'")):
         with pytest.raises(UserError, match=message):
             best_rigid_fit(mapped(), PLAN, matches)
-
-
-@pytest.mark.skipif(not SHARED.is_dir(), reason=f"no folder of real plans at {SHARED}")
-def test_true_matches_on_real_floors() -> None:
-    agreeing = total = 0
-    names = sorted(p.stem for p in (SHARED / "data/floorplans/swiss_floors").glob("*.json"))[:6]
-    for n, name in enumerate(names):
-        plan = swiss(name)
-        truth = draw(plan, "real", np.random.default_rng(n), 6)
-        found = true_matches(truth.s_graph, plan, se2_to_se3(*truth.T_a_s))
-        # What sticks out less than the noise of its ends is not where it was drawn from.
-        long = {s: a for s, a in truth.wall_surfaces.items() if (plan.surface_by_id[a].length or 0.0) > 0.6}
-        agreeing += sum(found.wall_surfaces.get(s) == a for s, a in long.items())
-        total += len(long)
-        assert found.rooms == truth.rooms
-    assert total > 100 and agreeing >= 0.98 * total
