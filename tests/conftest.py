@@ -20,7 +20,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Options of `tests/fuzzing`."""
+    """Options of `tests/data/fuzzing`."""
     parser.addoption("--fuzz", type=int, default=700, metavar="N", help="damaged files for all readers together")
     parser.addoption("--fuzz-seed", type=int, default=0, metavar="N", help="the same seed makes the same files")
 

@@ -18,7 +18,7 @@ from data.scans.reading_errors import UnreadableScanError
 from data.scans.sources import open_scans
 from data.trajectory.stamps import ns_to_seconds, seconds_to_ns
 
-REAL_SCANS = Path(__file__).parents[2] / "../shared/data/scans/vlp16_room_corridor"
+REAL_SCANS = Path(__file__).parents[3] / "../shared/data/scans/vlp16_room_corridor"
 POINTS = np.random.default_rng(0).normal(size=(60, 3)).astype(np.float32) * 5
 
 

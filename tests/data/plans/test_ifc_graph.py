@@ -17,8 +17,8 @@ from data import SceneGraph, UserError, WallSurface
 from data.ifc.graph import read_ifc
 from data.plans import load_bim
 
-SHARED = Path(__file__).parents[3] / "shared"
-SCHEMA = Path(__file__).parents[2] / "data" / "scene_graph" / "scene_graph.schema.json"
+SHARED = Path(__file__).parents[4] / "shared"
+SCHEMA = Path(__file__).parents[3] / "data" / "scene_graph" / "scene_graph.schema.json"
 REAL = sorted((SHARED / "data" / "ifc").glob("*.ifc"))
 Side = tuple[str, float, float, float, float]  # room, normal x y, offset along the normal, length
 

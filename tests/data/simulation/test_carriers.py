@@ -23,7 +23,7 @@ from data.simulation.simulate import simulate
 from data.simulation.storey_model import load_storey
 from data.trajectory import Trajectory
 
-SURVEY = Path(__file__).parents[2] / "../shared/data/motion/handheld_survey.tum"
+SURVEY = Path(__file__).parents[3] / "../shared/data/motion/handheld_survey.tum"
 RATE = 30.0  # poses a second, as in the recordings whose statistics are published
 Array = NDArray[np.float64]
 

@@ -20,7 +20,7 @@ from data.scene_graph import Room, SceneGraph
 from data.simulation import Changes, SpinningSensor
 from data.simulation.simulate import simulate
 
-MESHES = Path(__file__).parents[2] / "../shared/data/meshes"
+MESHES = Path(__file__).parents[3] / "../shared/data/meshes"
 BOXES = (  # two rooms of 4 x 4 m side by side and a doorway between them, under a lintel; a hole at the floor's edge
     (-0.2, -0.2, -0.2, 8.4, 4.2, 0.0), (-0.2, -0.2, 0.0, 8.4, 0.0, 2.6), (-0.2, 4.0, 0.0, 8.4, 4.2, 2.6),
     (-0.2, 0.0, 0.0, 0.0, 4.0, 2.6), (8.2, 0.0, 0.0, 8.4, 1.5, 2.6), (8.2, 2.5, 0.0, 8.4, 4.0, 2.6),

@@ -21,7 +21,7 @@ from data.simulation.simulate import simulate
 from data.simulation.storey_model import StoreyModel, load_storey
 
 Array = NDArray[np.float64]
-IFC = Path(__file__).parents[2] / "../shared/data/ifc"
+IFC = Path(__file__).parents[3] / "../shared/data/ifc"
 BY = 0.15
 NO_CHANGES = Changes()
 

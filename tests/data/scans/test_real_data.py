@@ -15,7 +15,7 @@ from data.trajectory import Trajectory
 
 pytestmark = pytest.mark.slow
 
-SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
+SHARED = Path(__file__).resolve().parents[4] / "shared" / "data"
 INSTITUTE = SHARED / "ifc" / "AC11-Institute-Var-2-IFC.ifc"
 OFFICE = SHARED / "ifc" / "Office_A_20110811.ifc"
 VLP16 = SHARED / "scans" / "vlp16_room_corridor"

@@ -26,7 +26,7 @@ from data.simulation.storey_model import load_storey
 from data.trajectory import Trajectory
 
 SENSOR = SpinningSensor(azimuths=120, rate=5.0)
-INSTITUTE = Path(__file__).parents[2] / "../shared/data/ifc/AC11-Institute-Var-2-IFC.ifc"
+INSTITUTE = Path(__file__).parents[3] / "../shared/data/ifc/AC11-Institute-Var-2-IFC.ifc"
 Array = NDArray[np.float64]
 
 
