@@ -70,8 +70,10 @@ def test_a_generated_building_is_read_as_it_was_drawn(building: str, tmp_path: P
     write_plan_mesh(drawn, tmp_path / "building.stl")
     read = read_mesh(tmp_path / "building.stl").graph
     outlines = [shapely.Polygon(room.polygon) for room in drawn.rooms if room.polygon]
-    assert len(read.rooms) == len(outlines) == sum(
-        any(outline.contains(shapely.Point(room.centroid)) for room in read.rooms) for outline in outlines
+    assert (
+        len(read.rooms)
+        == len(outlines)
+        == sum(any(outline.contains(shapely.Point(room.centroid)) for room in read.rooms) for outline in outlines)
     )
     inner = [door for door in drawn.doors if len(door.rooms) == 2]
     assert len(read.doors) == pytest.approx(len(inner), abs=1)

@@ -321,9 +321,7 @@ def test_the_window_goes_with_its_wall_and_an_absent_wall_is_open(building: Smal
 
 
 def command(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "data.simulate", *arguments], capture_output=True, text=True
-    )
+    return subprocess.run([sys.executable, "-m", "data.simulate", *arguments], capture_output=True, text=True)
 
 
 @pytest.mark.slow
