@@ -2,8 +2,6 @@
 
 import json
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -25,48 +23,38 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.long
-@pytest.mark.slow
-def test_a_session_is_laid_out_and_anchored(dataset: Path, tmp_path: Path):
+def test_a_session_is_laid_out_and_anchored(dataset: Path, tmp_path: Path) -> None:
     sequence, out = tmp_path / "sequence", tmp_path / "out"
-    command = [sys.executable, "-m", "data.datasets", str(dataset), SESSION, "--out", str(sequence)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = called("data.datasets.__main__", dataset, SESSION, "--out", sequence)
     assert done.returncode == 0, done.stderr
-    again = called("data.datasets.__main__", dataset, SESSION, "--out", sequence)
-    assert again.returncode == 0, again.stderr
-    scans = ScanFolder(sequence / "scans")
-    truth = Trajectory.read_tum(sequence / "truth.tum")
+    scans, truth = ScanFolder(sequence / "scans"), Trajectory.read_tum(sequence / "truth.tum")
     assert len(scans) == len(truth) > 15 and [f.stem for f in scans.files[:3]] == ["0", "1", "2"]
     assert np.array_equal(scans.stamps_ns, truth.stamps_ns)
     graph = load_bim(sequence / "a_graph.json").graph
     assert len(graph.rooms) == 3 and np.allclose(graph.rooms[0].centroid, SITE[:2] + np.array([3.0, 2.0]), atol=0.05)
-    done = called(
-        "sgslam.run", "--scan-dir", sequence / "scans", "--bim", sequence / "a_graph.json",
-        "--ground-truth", sequence / "truth.tum", "--out", out, "--set", "matching.method=voting",
-    )  # fmt: skip
+    done = called("sgslam.run", "--scan-dir", sequence / "scans", "--bim", sequence / "a_graph.json", "--out", out,
+                  "--ground-truth", sequence / "truth.tum", "--set", "matching.method=voting")  # fmt: skip
     assert done.returncode == 0, done.stderr
     metrics = json.loads((out / "metrics.json").read_text())
     assert metrics["scans"] == len(scans) and metrics["anchored"]
     assert metrics["accuracy"]["rmse_bim_m"] < 0.05
 
 
-def test_inconsistent_files_are_refused(dataset: Path, tmp_path: Path):
-    with pytest.raises(UserError, match=f"there are: {SESSION}"):
-        SlabimSession.open(dataset, "5F_Region1")
-    with pytest.raises(UserError, match="BIM and sensor_data"):
-        SlabimSession.open(tmp_path, SESSION)
-    copy = tmp_path / "copy"
-    shutil.copytree(dataset, copy)
+def test_inconsistent_files_are_refused(dataset: Path, tmp_path: Path) -> None:
+    shutil.copytree(dataset, copy := tmp_path / "copy")
     points = copy / "sensor_data" / SESSION / "points"
     poses = (points / "pose_frame_to_bim.txt").read_text().splitlines()
-    same = [" ".join((line.split()[0], *poses[0].split()[1:])) for line in poses]
-    (points / "pose_frame_to_bim.txt").write_text("\n".join(same))
-    with pytest.raises(UserError, match="all poses are the same"):
-        SlabimSession.open(copy, SESSION)
-    stamps = (points / "timestamps.txt").read_text().splitlines()
-    (points / "timestamps.txt").write_text("\n".join(stamps[1:]))
-    with pytest.raises(UserError, match=rf"{len(stamps) - 1} stamps for {len(stamps)} scans"):
-        SlabimSession.open(copy, SESSION)
+    same = "\n".join(" ".join((line.split()[0], *poses[0].split()[1:])) for line in poses)
+    stamps = "\n".join((points / "timestamps.txt").read_text().splitlines()[1:])
+    for folder, session, edit, message in (
+        (dataset, "5F_Region1", None, f"there are: {SESSION}"),
+        (tmp_path, SESSION, None, "BIM and sensor_data"),
+        (copy, SESSION, ("pose_frame_to_bim.txt", same), "all poses are the same"),
+        (copy, SESSION, ("timestamps.txt", stamps), f"{len(poses) - 1} stamps for {len(poses)} scans"),
+    ):
+        if edit is not None:
+            (points / edit[0]).write_text(edit[1])
+        with pytest.raises(UserError, match=message):
+            SlabimSession.open(folder, session)
     (copy / "BIM/3F/mesh/walls.ply").unlink()
-    with pytest.raises(UserError, match=r"no walls\.ply"):
-        SlabimSession.open(copy, SESSION)
-    assert "BIM and sensor_data" in refused("data.datasets.__main__", tmp_path, SESSION, "--out", tmp_path / "out")
+    assert "no walls.ply" in refused("data.datasets.__main__", copy, SESSION, "--out", tmp_path / "out")

@@ -14,9 +14,7 @@ from data.slam_output.graph_poses import read_graph_poses
 from data.slam_output.map_points import owners, viewpoints
 from data.slam_output.posed_scans import PosedScans, walking_stamps
 from data.trajectory import Trajectory
-from data.trajectory.correction import moved_with
-from data.trajectory.formats import write_euroc, write_kitti
-from data.trajectory.readers import PoseList, read_poses
+from data.trajectory.readers import PoseList
 
 NS = 10**9
 WAY = np.stack([pose(0.5 * k, 0.1 * k**2, 0.8, 0.3 * k) for k in range(8)])
@@ -30,41 +28,6 @@ def clouds(folder: Path, count: int, stamps: Array | None = None) -> ScanFolder:
     if stamps is not None:
         (folder / "times.txt").write_text("".join(f"{stamp / NS:.9f}\n" for stamp in stamps))
     return ScanFolder(folder)
-
-
-@pytest.mark.parametrize("form", ["tum", "euroc", "kitti"])
-def test_poses_are_read_as_they_were_written(form: str, tmp_path: Path) -> None:
-    trajectory, path, times = Trajectory(STAMPS, WAY), tmp_path / "poses", tmp_path / "times"
-    if form == "kitti":
-        write_kitti(trajectory, path, times)
-        assert read_poses(path).stamps_ns is None
-    elif form == "euroc":
-        write_euroc(trajectory, path)
-    else:
-        trajectory.write_tum(path)
-    found = read_poses(path, times if form == "kitti" else None)
-    assert found.stamps_ns is not None and found.stamps_ns.tolist() == STAMPS.tolist()
-    np.testing.assert_allclose(found.poses, WAY, atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("", "no poses"),
-        ("1 0 0 0 0 0 0\n", "line 1: 7 values"),
-        ("1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 0 0 2 0 0 0 0 1 0\n", "line 2: a pose is not a rigid transform"),
-        ("1 0 0 0 0 1 0 0 0 0 1 nan\n", "line 1: a value is not finite"),
-        ("#t,x\n5,0,0,0,1,0,0\n", "line 2: 6 values"),
-        ("5.1,0,0,0,1,0,0,0\n", "not a stamp in whole nanoseconds"),
-        ("5,0,0,0,1,0,0,0\n5,0,0,0,1,0,0,0\n", "line 2: the stamp does not increase"),
-        ("5,0,0,0,0,0,0,0\n", "no direction"),
-    ],
-)
-def test_a_file_that_is_none_is_refused_with_its_line(text: str, said: str, tmp_path: Path) -> None:
-    path = tmp_path / "poses"
-    path.write_text(text)
-    with pytest.raises(UserError, match=said):
-        read_poses(path)
 
 
 def test_as_many_clouds_as_poses_belong_together_in_order(tmp_path: Path) -> None:
@@ -119,6 +82,9 @@ def test_a_point_of_a_map_goes_to_one_place_that_could_see_it() -> None:
     shares = np.bincount(middle) / len(middle)
     assert np.abs(shares - 0.5).max() < 0.1  # neither of two that see all of it has it all
     assert owners(front, places[3:], 20.0).tolist() == [-1] * len(front)
+    turning = np.stack([pose(0.0, 0.0, 0.0, 0.4 * k) for k in range(7)])
+    assert viewpoints(turning, 1.0, 1.0).tolist() == [0, 3, 6]  # apart by turn, or by way
+    assert viewpoints(np.stack([pose(0.3 * k, 0.0) for k in range(9)]), 1.0, 1.0).tolist() == [0, 4, 8]
 
 
 def test_points_of_another_storey_are_not_given_through_holes_of_the_map() -> None:
@@ -140,13 +106,6 @@ def test_points_of_another_storey_are_not_given_through_holes_of_the_map() -> No
         assert (own >= 0).mean() > 0.9 and right[own >= 0].mean() > 0.9
 
 
-def test_viewpoints_are_apart_by_way_or_by_turn() -> None:
-    turning = np.stack([pose(0.0, 0.0, 0.0, 0.4 * k) for k in range(7)])
-    assert viewpoints(turning, 1.0, 1.0).tolist() == [0, 3, 6]
-    straight = np.stack([pose(0.3 * k, 0.0) for k in range(9)])
-    assert viewpoints(straight, 1.0, 1.0).tolist() == [0, 4, 8]
-
-
 def test_a_graph_tells_how_uncertain_its_motions_are(tmp_path: Path) -> None:
     lines = [f"VERTEX_SE3:QUAT {k} {k} 0 0 0 0 0 1" for k in range(3)]
     information = "100 0 0 0 0 0 400 0 0 0 0 25 0 0 0 40000 0 0 40000 0 10000"
@@ -164,14 +123,6 @@ def test_a_graph_tells_how_uncertain_its_motions_are(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.asarray(scaled[1])[3, 3], 0.1**2 * 9 / 6)  # 9 of 6 degrees of freedom
     path.write_text("\n".join(lines).replace(information, "1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 1 0 0 1 0 1"))
     assert read_graph_poses(path).step_covariances == [None, None, None]
-
-
-def test_a_correction_is_carried_over_to_the_poses_between() -> None:
-    T = pose(3000.0, -2000.0, 3.0, 0.7)
-    given = Trajectory(STAMPS, WAY)
-    found = moved_with(given, given.only(np.arange(8) % 3 == 0).transformed(T))
-    np.testing.assert_allclose(found.poses, T @ WAY, atol=1e-6)
-    assert found.stamps_ns.tolist() == STAMPS.tolist()
 
 
 def test_a_damaged_dump_is_refused_with_its_file(tmp_path: Path) -> None:

@@ -14,7 +14,6 @@ from bag_files import lidar_bag
 
 from data.bags.recovery import Recovery
 from data.common.errors import UserError
-from data.scans.sources import open_scans
 from data.streams import Arrival, GrowingFolder, McapPipe, ScanStream
 
 SOON = 5.0  # s, within which a busy machine notices
@@ -102,19 +101,6 @@ def test_names_of_which_only_some_are_stamps_are_a_mistake(tmp_path: Path) -> No
         list(GrowingFolder(tmp_path))
     with pytest.raises(UserError, match="does not exist"):
         GrowingFolder(tmp_path / "nowhere")
-
-
-def test_a_pipe_of_mcap_records_gives_the_scans_of_the_file(tmp_path: Path) -> None:
-    bag = next(lidar_bag(tmp_path / "bag", "mcap").glob("*.mcap"))
-    with bag.open("rb") as file:
-        piped = [arrival.scan for arrival in McapPipe(file)]
-    whole = list(open_scans(bag))
-    assert [scan.stamp_ns for scan in piped] == [scan.stamp_ns for scan in whole] and len(piped) == 20
-    for scan, other in zip(piped, whole, strict=True):
-        assert np.array_equal(scan.points, other.points)
-        assert scan.point_times is not None and np.array_equal(scan.point_times, other.point_times)
-    with bag.open("rb") as file, pytest.raises(UserError, match="it holds /points"):
-        list(McapPipe(file, "/others"))
 
 
 def test_a_pipes_scan_comes_with_its_record_and_what_is_cut_off_is_told(tmp_path: Path) -> None:
