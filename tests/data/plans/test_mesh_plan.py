@@ -1,14 +1,12 @@
 """A building's mesh as an A-graph, and a drive in it; sections of bodies that are not closed."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
 import trimesh
-from numpy.typing import NDArray
+from commands import called
 
 from data.common.errors import UserError
 from data.generation.buildings import generate_plan
@@ -16,6 +14,7 @@ from data.generation.plan_mesh import HEIGHT, plan_triangles, write_plan_mesh
 from data.plans.mesh_files import read_triangles
 from data.plans.mesh_plan import read_mesh
 from data.plans.mesh_sections import mesh_solid, winding_numbers
+from data.scans.formats import read_points
 from data.scene_graph import Room, SceneGraph
 from data.simulation import Changes, SpinningSensor
 from data.simulation.simulate import simulate
@@ -63,7 +62,7 @@ def test_two_storeys_are_separated(tmp_path: Path) -> None:
     assert max(w.height[1] for w in graph.on_floor(graph.floors[0].id).wall_surfaces if w.height) < 3.0
 
 
-@pytest.mark.parametrize("building", ["apartment_3", "office_2", "skewed_1"])  # two are turned
+@pytest.mark.parametrize("building", ["apartment_3", "skewed_1"])  # both are turned
 def test_a_generated_building_is_read_as_it_was_drawn(building: str, tmp_path: Path) -> None:
     kind, seed = building.rsplit("_", 1)
     drawn = generate_plan(kind, int(seed)).graph
@@ -78,9 +77,6 @@ def test_a_generated_building_is_read_as_it_was_drawn(building: str, tmp_path: P
     inner = [door for door in drawn.doors if len(door.rooms) == 2]
     assert len(read.doors) == pytest.approx(len(inner), abs=1)
     assert all(wall.height == pytest.approx((0.0, HEIGHT)) for wall in read.wall_surfaces if wall.room)
-
-
-def test_a_plan_without_outlines_is_no_mesh() -> None:
     with pytest.raises(UserError, match="without rooms"):
         plan_triangles(SceneGraph("bim", (Room("r", (0.0, 0.0)),), ()))
 
@@ -111,55 +107,6 @@ def test_collada_keeps_its_unit_and_its_up_axis(tmp_path: Path) -> None:
     np.testing.assert_allclose([low, high], upright.bounds, atol=1e-6)
 
 
-def test_a_robot_drives_and_scans_in_the_mesh(stl: Path, tmp_path: Path) -> None:
-    sensor = SpinningSensor(azimuths=120, rate=5.0, range_noise=0.0)
-    run = simulate(stl, "", tmp_path / "run", seed=1, min_length=15.0, sensor=sensor)
-    assert run.rooms_entered == 2 and np.allclose(run.truth.positions[:, 2], 0.8)
-    points = np.fromfile(tmp_path / "run" / "scans" / "000000.bin", dtype=np.float32).reshape(-1, 4)[:, :3]
-    world = points @ run.truth.poses[0, :3, :3].T + run.truth.poses[0, :3, 3]
-    assert surface_distance(world).max() < 0.01
-    for changes in (Changes(moved=0.3), Changes(openings_displaced=0.3), Changes(columns_absent=0.3)):
-        with pytest.raises(UserError, match="no single walls, openings or columns"):
-            simulate(stl, "", tmp_path / "moved", changes=changes)
-    with pytest.raises(UserError, match=r"no level 'attic'.*level 0\.00"):
-        simulate(stl, "attic", tmp_path / "attic")
-
-
-def surface_distance(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    distances = []
-    for box in BOXES:
-        low, high = np.array(box[:3]), np.array(box[3:])
-        beyond = np.abs(points - (low + high) / 2) - (high - low) / 2
-        outside = np.linalg.norm(np.maximum(beyond, 0), axis=1)
-        distances.append(np.where(outside > 0, outside, -beyond.max(axis=1)))
-    return np.asarray(np.min(distances, axis=0))
-
-
-def test_files_that_are_no_buildings_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "broken.stl").write_text("solid nothing")
-    trimesh.creation.box(extents=[9.0, 9.0, 0.1]).export(tmp_path / "plate.stl")
-    trimesh.creation.box(extents=[9.0, 9.0, 3.0]).export(tmp_path / "block.stl")
-    big = two_rooms()
-    big.apply_scale(1000.0)
-    big.export(tmp_path / "millimetres.stl")
-    (tmp_path / "far.obj").write_text("v 0 0 0\nv -1e308 0 3\nv 0 1e308 3\nf 1 2 3\n")
-    for name, what in (
-        ("far.obj", "wide"), ("absent.stl", "not a mesh"),
-        ("broken.stl", "cannot be read|no triangles"), ("plate.stl", "metres"),
-        ("block.stl", "no walls"), ("millimetres.stl", "metres"),
-    ):  # fmt: skip
-        with pytest.raises(UserError, match=what):
-            read_mesh(tmp_path / name)
-
-
-@pytest.mark.slow
-def test_the_command_writes_an_a_graph(stl: Path, tmp_path: Path) -> None:
-    words = [sys.executable, "-m", "data.plans.mesh_plan", "--mesh", str(stl), "--out", str(tmp_path / "a.json")]
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert "2 rooms" in done.stdout and len(SceneGraph.load(tmp_path / "a.json").rooms) == 2
-
-
 @pytest.mark.skipif(not MESHES.exists(), reason=f"{MESHES} is absent")
 @pytest.mark.parametrize(
     ("name", "rooms"),
@@ -173,3 +120,20 @@ def test_published_buildings(name: str, rooms: int) -> None:
         walls = graph.surfaces_of_room[room.id]
         assert area.is_valid and len(walls) >= 3
         assert all(area.distance(shapely.Point(w.centroid)) < 0.3 for w in walls)
+
+
+def test_a_robot_drives_and_scans_in_the_mesh_and_a_command_reads_it(stl: Path, tmp_path: Path) -> None:
+    sensor = SpinningSensor(azimuths=120, rate=5.0, range_noise=0.0)
+    run = simulate(stl, "", tmp_path / "run", seed=1, min_length=15.0, sensor=sensor)
+    assert run.rooms_entered == 2 and np.allclose(run.truth.positions[:, 2], 0.8)
+    T = run.truth.poses[0]
+    points = read_points(tmp_path / "run" / "scans" / "000000.bin") @ T[:3, :3].T + T[:3, 3]
+    assert np.abs(trimesh.proximity.closest_point_naive(two_rooms(), points)[1]).max() < 0.01
+    for changes in (Changes(moved=0.3), Changes(openings_displaced=0.3), Changes(columns_absent=0.3)):
+        with pytest.raises(UserError, match="no single walls, openings or columns"):
+            simulate(stl, "", tmp_path / "moved", changes=changes)
+    with pytest.raises(UserError, match=r"no level 'attic'.*level 0\.00"):
+        simulate(stl, "attic", tmp_path / "attic")
+    done = called("data.plans.mesh_plan", "--mesh", stl, "--out", tmp_path / "a.json")
+    assert done.returncode == 0 and "2 rooms" in done.stdout, done.stderr
+    assert len(SceneGraph.load(tmp_path / "a.json").rooms) == 2
