@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from small_ifc import SmallBuilding, write_small_ifc
+from small_ifc import SmallBuilding
 
 from data.common.errors import UserError
 from data.generation.demo_building import DEMO_STOREY, write_demo_building
@@ -169,11 +169,6 @@ def test_a_real_recording_keeps_its_statistics() -> None:
     poses = np.concatenate([walked(Recorded.read(SURVEY), seed)[2] for seed in range(6)])
     assert np.median(tilts(poses)) == pytest.approx(np.median(tilts(real)), rel=0.25)
     assert np.percentile(turns(real), 95) * 0.8 < np.percentile(turns(poses), 95) < np.percentile(turns(real), 95) * 1.4
-
-
-@pytest.fixture(scope="module")
-def building(tmp_path_factory: pytest.TempPathFactory) -> SmallBuilding:
-    return write_small_ifc(tmp_path_factory.mktemp("ifc") / "small.ifc", elevation=3.0)
 
 
 def walls_off(points: Array, building: SmallBuilding) -> Array:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import refused
 from numpy.typing import NDArray
 from small_ifc import DOORS, WINDOW, SmallBuilding, write_small_ifc
 
@@ -24,12 +23,6 @@ Array = NDArray[np.float64]
 IFC = Path(__file__).parents[3] / "../shared/data/ifc"
 BY = 0.15
 NO_CHANGES = Changes()
-
-
-@pytest.fixture(scope="module")
-def building(tmp_path_factory: pytest.TempPathFactory) -> SmallBuilding:
-    path = tmp_path_factory.mktemp("ifc") / "small.ifc"
-    return write_small_ifc(path, site=(3000.0, -2000.0, 40.0), yaw=0.5, elevation=3.0, millimetres=True)
 
 
 def met(model: StoreyModel, T: Array, origin: Iterable[float], direction: Iterable[float]) -> float:
@@ -205,14 +198,6 @@ def test_the_changes_of_a_run_are_read_back(building: SmallBuilding, tmp_path: P
     rows = json.loads((tmp_path / "run" / "changes.json").read_text())
     read = tuple(Change(row["id"], row["kind"], tuple(row["offset_in_bim"])) for row in rows)
     assert read == run.changes and {c.kind for c in read} == {"displaced", "filled"}
-
-
-@pytest.mark.slow
-def test_the_command_line_has_the_options(building: SmallBuilding, tmp_path: Path) -> None:
-    asked = ("data.simulate", "--bim", building.path, "--storey", "Ground", "--out", tmp_path / "out")
-    assert "at most 0.3" in refused(*asked, "--displaced-openings", "0.5", "--displaced-by", "1")
-    assert "openings: give 0 to 1" in refused(*asked, "--filled-openings", "2")
-    assert "columns: give 0 to 1" in refused(*asked, "--displaced-columns", "0.6", "--absent-columns", "0.6")
 
 
 @pytest.mark.slow

@@ -6,16 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from small_ifc import DOORS, PANE, ROOMS, SmallBuilding, write_small_ifc
+from small_ifc import DOORS, PANE, ROOMS, SmallBuilding
 
 from data.common.errors import UserError
 from data.geometry.raycast import TriangleScene
 from data.scans import ScanFolder
 from data.scans.point_times import Stamped
-from data.simulate import _parser
 from data.simulation import SimulatedRun, SpinningSensor
 from data.simulation.carriers import HANDHELD, WHEELED, Carrier
-from data.simulation.effects import EFFECTS, checked, timing_of
+from data.simulation.effects import EFFECTS
 from data.simulation.effects.doors import door_leaves
 from data.simulation.effects.furniture import furniture
 from data.simulation.effects.people import HEIGHT, RADIUS, People
@@ -29,11 +28,6 @@ from data.simulation.storey_model import load_storey
 
 SENSOR = SpinningSensor(azimuths=180, rate=5.0)
 Array = NDArray[np.float64]
-
-
-@pytest.fixture(scope="module")
-def building(tmp_path_factory: pytest.TempPathFactory) -> SmallBuilding:
-    return write_small_ifc(tmp_path_factory.mktemp("ifc") / "small.ifc", elevation=3.0)
 
 
 def driven(
@@ -157,13 +151,6 @@ def test_returns_have_noise_biases_reach_and_grazing_losses() -> None:
     assert lost[0] == 0 and 0.3 < lost[1] < 0.7 and lost[2] == 1
 
 
-def test_cosines_of_incidence() -> None:
-    scene = TriangleScene(np.array([[[105.0, -9, -9], [105, 9, -9], [105, 0, 9]]]))
-    ranges, cosines = scene.incidences(np.array([100.0, 0, 0]), np.array([[1.0, 0, 0], [0.8, 0.6, 0], [-1, 0, 0]]))
-    np.testing.assert_allclose(ranges, [5.0, 6.25, np.inf], atol=1e-4)
-    np.testing.assert_allclose(cosines, [1.0, 0.8, 1.0], atol=1e-6)
-
-
 @pytest.mark.parametrize("carrier", [WHEELED, HANDHELD])
 def test_the_sensor_rises_over_a_step(building: SmallBuilding, tmp_path: Path, carrier: Carrier) -> None:
     run = driven(building, tmp_path / "run", ("steps", "snapshots"), carrier=carrier, seconds=40.0, height=0.9)
@@ -200,17 +187,6 @@ def test_all_together_is_that_of_its_seed(building: SmallBuilding, tmp_path: Pat
     assert (told["carrier"], told["rolling"], told["times_told"], told["scans"]) == ("handheld", True, True, 15)
 
 
-def test_times_are_told_or_not(building: SmallBuilding, tmp_path: Path) -> None:
-    runs = {how: driven(building, tmp_path / how, (how,), carrier=HANDHELD, seconds=2.0)
-            for how in ("rolling", "untimed", "snapshots")}  # fmt: skip
-    scans = {how: list(ScanFolder(run.out_dir / "scans")) for how, run in runs.items()}
-    assert all(scan.point_times is not None for scan in scans["rolling"])
-    assert all(scan.point_times is None for how in ("untimed", "snapshots") for scan in scans[how])
-    np.testing.assert_array_equal(scans["rolling"][5].points, scans["untimed"][5].points)
-    for how in ("untimed", "snapshots"):
-        np.testing.assert_allclose(runs[how].truth.poses, runs["rolling"].truth.poses, atol=1e-12)
-
-
 @pytest.mark.parametrize(("stamped", "share"), [("middle", 0.5), ("end", 1.0)])
 def test_the_same_scans_are_stamped_at_another_instant(
     stamped: Stamped, share: float, building: SmallBuilding, tmp_path: Path
@@ -227,20 +203,3 @@ def test_the_same_scans_are_stamped_at_another_instant(
         np.testing.assert_allclose(run.truth.poses[:-1], plain.truth.poses[1:], atol=1e-6)
     with pytest.raises(UserError, match=f"a scan of one instant has no {stamped} to stamp"):
         driven(building, tmp_path / "a", ("snapshots",), carrier=HANDHELD, seconds=1.0, stamped=stamped)
-
-
-def test_names_of_effects() -> None:
-    assert timing_of(checked([]), True) == "rolling" and timing_of(checked([]), False) == "snapshots"
-    assert timing_of(checked(["all", "untimed"]), True) == "untimed"
-    with pytest.raises(UserError, match="'rain' is not known; give some of"):
-        checked(["rain"])
-    with pytest.raises(UserError, match="rolling and untimed exclude each other"):
-        checked(["untimed", "rolling"])
-
-
-def test_names_of_effects_without_commas_are_told_to_take_some(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        _parser().parse_args(["--bim", "a.ifc", "--out", "out", "--effects", "glass", "fog"])
-    said = capsys.readouterr().err
-    assert ended.value.code == 2 and "comma-separated" in said and "'fog'" in said
-    assert len(said.splitlines()) == 1
