@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from small_ifc import write_small_ifc
 
-from data.common.errors import UserError
 from data.imu import read_imu
 from data.simulation import SpinningSensor
 from data.simulation.carriers import HANDHELD
@@ -86,8 +85,3 @@ def test_a_drive_writes_samples_until_its_end_and_the_truth_agrees_with_them(tmp
     for rate in samples.gyro[: int(truth.stamps_ns[-1] / 1e9 * RATE)]:
         R = R * Rotation.from_rotvec(rate / RATE)
     assert (R.inv() * Rotation.from_matrix(truth.poses[-1, :3, :3])).magnitude() < 0.01
-
-
-def test_an_unknown_class_is_refused() -> None:
-    with pytest.raises(UserError, match="give one of mid360, tactical"):
-        imu_named("best")
