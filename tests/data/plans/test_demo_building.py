@@ -8,7 +8,6 @@ from itertools import pairwise
 from math import dist
 from pathlib import Path
 
-import ifcopenshell
 import numpy as np
 import pytest
 import shapely
@@ -16,8 +15,7 @@ import shapely
 from data.common.errors import UserError
 from data.generation.demo_building import DEMO_STOREY, write_demo_building
 from data.geometry.raycast import TriangleScene
-from data.ifc.graph import read_ifc
-from data.ifc.products import open_ifc, products
+from data.ifc.products import open_ifc
 from data.plans import Bim, load_bim
 from data.scene_graph import SceneGraph
 from data.simulation.occupancy import build_grid
@@ -73,50 +71,12 @@ def test_rooms_are_enclosed_by_their_surfaces_and_two_are_equal(ifc: Path, bim: 
         assert step[1] == pytest.approx(0.0, abs=1e-6) and doors[1] == pytest.approx(sign * doors[0], abs=1e-3)
 
 
-def test_furniture_is_low_or_tall_and_leaves_no_trace_in_the_a_graph(ifc: Path, bim: Bim, tmp_path: Path) -> None:
-    """Tall pieces stand at walls."""
-    for floor in bim.graph.floors:
-        here, heights = bim.graph.on_floor(floor.id), {}
-        rooms = shapely.MultiPolygon([shapely.Polygon(r.polygon) for r in here.rooms])
-        walls = shapely.MultiLineString([w.ends() for w in here.wall_surfaces])
-        for p in (p for p in products(open_ifc(ifc), ("IfcFurniture",)) if p.storey == floor.id):
-            area = shapely.MultiPoint(p.vertices[:, :2]).convex_hull
-            low, high = p.vertices[:, 2].min() - floor.elevation, p.vertices[:, 2].max() - floor.elevation
-            heights[p.name] = float(high)
-            assert low < 0.06 and rooms.contains(area)
-            assert p.name != "cupboard" or area.distance(walls) < 0.03
-        assert heights.pop("cupboard") > 1.5 and heights and max(heights.values()) < 1.0
-    model = ifcopenshell.open(str(ifc))
-    for piece in model.by_type("IfcFurniture"):
-        model.remove(piece)
-    model.write(str(tmp_path / "bare.ifc"))
-    assert read_ifc(tmp_path / "bare.ifc")[0] == bim.graph
-
-
 @pytest.mark.parametrize("name", STOREYS)
 def test_a_robot_can_enter_every_room(storeys: dict[str, StoreyModel], name: str) -> None:
     grid = build_grid(storeys[name], TriangleScene(storeys[name].solid), 1.6)
     legs = plan_tour(grid, 0.25, 99, 0.0, np.random.default_rng(0))
     entered = {grid.rooms[k].long_name for k in grid.room_at(np.concatenate(legs)) if k >= 0}
     assert entered == {label.long_name for label in grid.rooms}
-
-
-Xyz = tuple[float, float, float]
-
-
-def distance(model: StoreyModel, origin: Xyz, direction: Xyz) -> float:
-    return float(TriangleScene(model.solid).distances(np.array(origin), np.array([direction]))[0])
-
-
-def test_the_stair_leads_up_and_panes_stand_over_parapets(storeys: dict[str, StoreyModel]) -> None:
-    model, down, west = storeys["Upper floor"], (0.0, 0.0, -1.0), (-1.0, 0.0, 0.0)
-    assert distance(model, (16.1, 11.0, 4.2), down) == pytest.approx(1.0, abs=1e-3)  # the floor at its side
-    way = ((15.4, 12.5), (15.4, 14.3), (16.8, 14.3), (16.8, 12.5))  # up northward, then up southward
-    treads = [4.2 - distance(model, (*xy, 4.2), down) for xy in way]
-    assert treads == sorted(treads)
-    assert [treads[0], treads[-1]] == pytest.approx([3.2 / 18, 3.2 - 3.2 / 18], abs=1e-3)  # a riser from each end
-    pane, parapet = (distance(storeys["Ground floor"], (3.0, 8.8, z), west) for z in (1.5, 0.6))
-    assert pane == pytest.approx(parapet + 0.12, abs=1e-3)
 
 
 @pytest.mark.parametrize(

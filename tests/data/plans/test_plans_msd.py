@@ -76,14 +76,6 @@ def test_whole_floors_have_what_lies_between_the_apartments(tmp_path: Path) -> N
     assert len(maisonette.on_floor("2").wall_surfaces) == 8
 
 
-def test_raw_edges_of_the_published_graphs(tmp_path: Path) -> None:
-    """Every edge of every ring, balconies as well, in the table's coordinates."""
-    ring = [(0, 0), (2, 0), (4, 0), (4, 3), (0, 3)]
-    path = table(tmp_path / "t.csv", [row(1, "aa", "Bedroom", ring), row(1, "aa", "Balcony", box(0, -2, 4, 2))])
-    (plan,) = read_plans(path, merge_collinear=False)
-    assert len(plan.graph.rooms) == 2 and len(plan.graph.wall_surfaces) == 9
-
-
 def test_bad_rows_are_counted_and_other_tables_refused(tmp_path: Path) -> None:
     """No WKT, nothing in it, a row cut short: the rest is read."""
     rows = [*flat(1, "aa"), row(1, "aa", "Kitchen", "POLYGON ((0 0, 1"), row(1, "aa", "Kitchen", "POLYGON EMPTY")]

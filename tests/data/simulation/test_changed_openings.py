@@ -1,6 +1,5 @@
 """Doors, windows and columns that are elsewhere than planned, or absent, in the simulated building."""
 
-import json
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -13,12 +12,10 @@ from data.common.errors import UserError
 from data.geometry.raycast import TriangleScene
 from data.ifc.products import open_ifc
 from data.ifc.writer import IfcWriter, box
-from data.simulation import Change, Changes, SpinningSensor
-from data.simulation.simulate import simulate
+from data.simulation import Changes
 from data.simulation.storey_model import StoreyModel, load_storey
 
 Array = NDArray[np.float64]
-IFC = Path(__file__).parents[3] / "../shared/data/ifc"
 BY = 0.15
 NO_CHANGES = Changes()
 
@@ -182,13 +179,3 @@ def test_columns_are_displaced_and_absent(tmp_path: Path) -> None:
 def test_impossible_numbers_are_refused(numbers: dict[str, float], message: str) -> None:
     with pytest.raises(UserError, match=message):
         Changes(**numbers)
-
-
-def test_the_changes_of_a_run_are_read_back(building: SmallBuilding, tmp_path: Path) -> None:
-    run = simulate(
-        building.path, "Ground", tmp_path / "run", seed=4, min_length=2.0, min_rooms=1,
-        sensor=SpinningSensor(azimuths=60, rate=2.0), changes=Changes(openings_displaced=0.3, openings_filled=0.3),
-    )  # fmt: skip
-    rows = json.loads((tmp_path / "run" / "changes.json").read_text())
-    read = tuple(Change(row["id"], row["kind"], tuple(row["offset_in_bim"])) for row in rows)
-    assert read == run.changes and {c.kind for c in read} == {"displaced", "filled"}
