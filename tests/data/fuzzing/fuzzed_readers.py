@@ -15,6 +15,7 @@ import scan_files
 from bag_files import START, imu, store, write_bag
 from g2o_files import drawn_graph
 from small_ifc import write_small_ifc
+from trimesh import load as load_mesh
 
 from data.ifc.guard import read_guarded
 from data.imu import ImuSamples, read_imu, write_imu
@@ -92,9 +93,7 @@ def _plans(start: str, folder: Path) -> list[bytes]:
 
 
 def _mesh(suffix: str, folder: Path) -> list[bytes]:
-    import trimesh
-
-    trimesh.load(plan_files.PLANS["mesh"](folder, plan_files.hall())).export(folder / f"b{suffix}")
+    load_mesh(plan_files.PLANS["mesh"](folder, plan_files.hall())).export(folder / f"b{suffix}")
     return [(folder / f"b{suffix}").read_bytes()]
 
 
@@ -145,12 +144,8 @@ def _e57(folder: Path) -> list[bytes]:
     return [scan_files.write_e57(folder / f"{s}.e57", s, [0.0, 1.5]).read_bytes() for s in ("cartesian", "spherical")]
 
 
-def _graph(folder: Path) -> list[bytes]:
-    return [json.dumps(three_rooms().to_dict()).encode()]
-
-
-def _settings(folder: Path) -> list[bytes]:
-    return [save_config(Config()).encode(), b"odometry: {voxel_size: 0.4}\nkeyframes:\n  distance: 0.5\n"]
+SETTINGS = (save_config(Config()).encode(), b"odometry: {voxel_size: 0.4}\nkeyframes:\n  distance: 0.5\n")
+GRAPH = json.dumps(three_rooms().to_dict()).encode()
 
 
 def _all() -> Iterator[Reader]:
@@ -169,7 +164,7 @@ def _all() -> Iterator[Reader]:
     yield Reader("floor plan", ".json", partial(_plans, "floor"), lambda path: list(read_plans(path)), 0.5, "json")
     for suffix in (".stl", ".obj"):
         yield Reader(f"mesh {suffix}", suffix, partial(_mesh, suffix), read_mesh, 0.05)
-    yield Reader("scene graph", ".json", _graph, SceneGraph.load, form="json")
+    yield Reader("scene graph", ".json", lambda _: [GRAPH], SceneGraph.load, form="json")
     for form, suffix, line in (
         ("TUM", ".tum", "170000000{k}.5 1 {k} 0.5 0 0 0.6 0.8\n"),
         ("KITTI", ".txt", "1 0 0 {k} 0 0 -1 2 0 1 0 0.5\n"),
@@ -181,10 +176,10 @@ def _all() -> Iterator[Reader]:
     yield Reader(
         "g2o", ".g2o", lambda _: ["\n".join(drawn_graph().lines).encode()], lambda p: read_g2o(p).scene_graph()
     )
-    yield Reader("settings", ".yaml", _settings, lambda path: load_config(path, []), 0.3)
+    yield Reader("settings", ".yaml", lambda _: [*SETTINGS], lambda path: load_config(path, []), 0.3)
     yield Reader("network", ".npz", partial(_network, ".npz"), load_learned, 0.5, "zip")
     yield Reader("network of torch", ".pt", partial(_network, ".pt"), _network_of_torch, 0.2, "zip")
-    yield Reader("network's input", ".json", _graph, _match, 0.02, "json")
+    yield Reader("network's input", ".json", lambda _: [GRAPH], _match, 0.02, "json")
     yield Reader("state", ".npz", _state, lambda path: read_state(path, {}), 0.5, "zip")
     yield Reader("keyframe clouds", ".bin", _cloud_file, _clouds)
 
