@@ -7,7 +7,7 @@ import shapely
 from data import SceneGraph
 from data.generation.buildings import KINDS, generate_plan
 
-SEEDS = range(2)
+SEEDS = range(4)
 THINNEST = 0.1
 
 
