@@ -20,9 +20,8 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Options of `tests/fuzzing`."""
+    """The option of `tests/data/fuzzing`; `--hypothesis-seed N` makes other files."""
     parser.addoption("--fuzz", type=int, default=700, metavar="N", help="damaged files for all readers together")
-    parser.addoption("--fuzz-seed", type=int, default=0, metavar="N", help="the same seed makes the same files")
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -35,12 +35,18 @@ def box(x0: float, y0: float, x1: float, y1: float) -> Polygon:
 class IfcModel:
     """An IFC file under construction; all lengths in metres in the building's own axes.
 
-    `T_world_building` (4, 4) is the site's placement; `unit` is the file's unit of length.
+    `T_world_building` (4, 4) is the site's placement; `unit` is the file's unit of length; `drawn_at` is added to all
+    coordinates, as some programs export every point in the country's own grid.
     """
 
     def __init__(
-        self, unit: str = "metres", T_world_building: NDArray[np.float64] | None = None, version: str = "IFC4"
+        self,
+        unit: str = "metres",
+        T_world_building: NDArray[np.float64] | None = None,
+        version: str = "IFC4",
+        drawn_at: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> None:
+        self.drawn_at = np.array(drawn_at)
         self.file = ifcopenshell.api.project.create_file(version=version)
         if version == "IFC2X3":
             self._sign()
@@ -62,7 +68,7 @@ class IfcModel:
         """An empty storey."""
         storey = self._entity("IfcBuildingStorey", name)
         ifcopenshell.api.aggregate.assign_object(self.file, products=[storey], relating_object=self.building)
-        self._place(storey, z)
+        self._place(storey, z + self.drawn_at[2])
         return storey
 
     def prism(self, ifc_class: str, polygon: Polygon, z: tuple[float, float], storey: Entity, name: str = "") -> Entity:
@@ -124,11 +130,11 @@ class IfcModel:
 
     def _shape(self, product: Entity, polygon: Polygon, z: tuple[float, float]) -> None:
         """The local x axis lies along the polygon's longest side, as that of walls and doors does."""
-        points = np.array(polygon)
+        points = np.array(polygon) + self.drawn_at[:2]
         sides = np.roll(points, -1, axis=0) - points
         axis = sides[np.argmax(np.linalg.norm(sides, axis=1))]
         axis = axis / np.linalg.norm(axis)
-        self._place(product, z[0], axis)
+        self._place(product, z[0] + self.drawn_at[2], axis)
         local = points @ np.array([axis, [-axis[1], axis[0]]]).T / self.scale
         corners = [self.file.createIfcCartesianPoint(p) for p in [*local.tolist(), local[0].tolist()]]
         profile = self.file.createIfcArbitraryClosedProfileDef("AREA", None, self.file.createIfcPolyline(corners))

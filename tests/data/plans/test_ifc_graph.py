@@ -1,0 +1,422 @@
+"""IFC models as A-graphs: small models against their truth, real ones against what must always hold."""
+
+import json
+import math
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from ifc_models import IfcModel, Polygon, box
+from numpy.typing import NDArray
+
+from data import SceneGraph, UserError, WallSurface
+from data.ifc import guard
+from data.ifc.graph import read_ifc
+from data.ifc.writer import placed
+from data.plans import load_bim
+
+REAL = sorted((Path(__file__).parents[4] / "shared/data/ifc").glob("*.ifc"))
+SCHEMA = Path(__file__).parents[3] / "data" / "scene_graph" / "scene_graph.schema.json"
+EYE, SWISS, UTM = np.eye(4), (2_600_000.123, 1_200_000.456, 408.7), (691_608.1, 5_334_765.2, 515.0)
+WALL = (0.0, 2.7)
+Side = tuple[str, float, float, float, float]  # room, normal x y, offset along the normal, length
+
+
+def two_rooms(model: IfcModel, z: float, name: str, spaces: str = "AB") -> None:
+    """A and B, 4 m x 5 m each, 0.2 m between them with a door; outer door into B; no west wall."""
+    storey, height = model.storey(name, z), (z, z + 2.7)
+    wall = "IfcWall" if model.file.schema == "IFC4X3" else "IfcWallStandardCase"
+    south = [model.prism(wall, box(-0.3, -0.3, 3, 0), height, storey)]
+    south.append(model.prism(wall, box(3, -0.3, 8.5, 0), height, storey))
+    model.prism("IfcWall", box(-0.3, 5, 8.5, 5.3), height, storey)
+    model.prism(wall, box(8.2, 0, 8.5, 5), height, storey)
+    partition = model.prism(wall, box(4, 0, 4.2, 5), height, storey)
+    model.opening(partition, box(3.9, 2, 4.3, 2.9), (z, z + 2.1), "IfcDoor")
+    model.opening(south[0], box(1, -0.4, 2, 0.1), (z + 0.9, z + 2.2), "IfcWindow")
+    model.opening(south[1], box(6, -0.4, 7, 0.1), (z, z + 2.1), "IfcDoor")
+    for room, area in (("A", box(0, 0, 4, 5)), ("B", box(4.2, 0, 8.2, 5))):
+        if room in spaces:
+            model.prism("IfcSpace", area, (z, z + 2.5), storey, f"{name}-{room}")
+
+
+TWO_ROOMS: list[Side] = [
+    ("A", 1, 0, 0.0, 5.0), ("A", -1, 0, -4.0, 5.0), ("A", 0, 1, 0.0, 4.0), ("A", 0, -1, -5.0, 4.0),
+    ("B", 1, 0, 4.2, 5.0), ("B", -1, 0, -8.2, 5.0), ("B", 0, 1, 0.0, 4.0), ("B", 0, -1, -5.0, 4.0),
+]  # fmt: skip
+
+
+def indoors(graph: SceneGraph) -> list[WallSurface]:
+    """The surfaces that face the building's inside; all of them in a building without rooms."""
+    hull = shapely.MultiPoint([end for w in graph.wall_surfaces for end in w.ends()]).convex_hull
+    before = [shapely.Point(np.add(w.centroid, np.multiply(0.4, w.normal))) for w in graph.wall_surfaces]
+    faced = zip(graph.wall_surfaces, before, strict=True)
+    return [w for w, point in faced if w.room is not None or hull.contains(point) or not graph.rooms]
+
+
+def sides(graph: SceneGraph, T: NDArray[np.float64] = EYE, names: dict[str, str] | None = None) -> list[Side]:
+    """The graph's surfaces indoors in the building's axes."""
+    found, names = [], names or {r.id: r.name for r in graph.rooms}
+    for w in indoors(graph):
+        assert w.plane is not None and w.length is not None
+        normal, mid = T[:2, :2].T @ w.normal, T[:2, :2].T @ (np.array(w.centroid) - T[:2, 3])
+        assert w.plane[:3] == (*w.normal, 0.0)
+        assert w.plane[3] == pytest.approx(-float(np.dot(w.normal, w.centroid)), abs=1e-6)
+        found.append((names[w.room] if w.room else "", *normal.tolist(), float(normal @ mid), w.length))
+    return found
+
+
+def matches(found: list[Side], expected: list[Side], tolerance: float = 1e-4) -> bool:
+    def order(side: Side) -> tuple[str, float, float, float, float]:
+        return (side[0], *(round(x, 2) + 0.0 for x in side[1:]))
+
+    found, expected = sorted(found, key=order), sorted(expected, key=order)
+    return [f[0] for f in found] == [e[0] for e in expected] and np.allclose(
+        [f[1:] for f in found], [e[1:] for e in expected], atol=tolerance
+    )
+
+
+@pytest.mark.parametrize(
+    ("version", "unit", "place", "yaw", "drawn_there", "spaces"),
+    [
+        ("IFC2X3", "inches", (0.0, 0.0, 0.0), 0.0, False, "AB"),
+        ("IFC2X3", "metres", UTM, 1.0, False, "AB"),
+        ("IFC2X3", "millimetres", SWISS, 0.0, True, "AB"),
+        ("IFC4", "millimetres", (2800.0, -1100.0, 412.0), 0.5, False, "AB"),
+        ("IFC4", "feet", UTM, -2.0, False, "AB"),
+        ("IFC4X3", "millimetres", UTM, 0.3, False, "AB"),
+        ("IFC4X3_ADD2", "metres", SWISS, 0.3, False, "AB"),
+        ("IFC4", "metres", (0.0, 0.0, 0.0), 0.0, False, ""),
+        ("IFC4", "millimetres", UTM, 0.5, False, ""),
+    ],
+)
+def test_a_known_house(
+    version: str,
+    unit: str,
+    place: tuple[float, float, float],
+    yaw: float,
+    drawn_there: bool,
+    spaces: str,
+    tmp_path: Path,
+) -> None:
+    """Two storeys of two rooms; the west wall is one wall through both. Without spaces, rooms are the closed faces."""
+    T = placed(*place, yaw)
+    model = IfcModel(unit, None if drawn_there else T, version, place if drawn_there else (0.0, 0.0, 0.0))
+    two_rooms(model, 0.0, "ground", spaces)
+    two_rooms(model, 3.0, "first", spaces)
+    model.prism("IfcWall", box(-0.3, 0, 0, 5), (0.0, 5.7), model.file.by_type("IfcBuildingStorey")[0])
+    graph, notices = read_ifc(model.save(tmp_path / "house.ifc"))
+    tolerance = 1e-4 if spaces else 1e-3
+
+    floors, names = {f.id: f for f in graph.floors}, {}
+    assert [(f.name, pytest.approx(f.elevation)) for f in graph.floors] == [
+        ("ground", place[2]),
+        ("first", place[2] + 3),
+    ]
+    for room in graph.rooms:
+        x, y = T[:2, :2].T @ (np.array(room.centroid) - T[:2, 3])
+        names[room.id] = f"{floors[room.floor or ''].name}-{'A' if x < 4 else 'B'}"
+        assert (x, y) == pytest.approx((2.0 if x < 4 else 6.2, 2.5), abs=tolerance)
+        assert shapely.Polygon(np.subtract(room.polygon, place[:2])).area == pytest.approx(20.0, abs=10 * tolerance)
+        assert not spaces or room.name == names[room.id]
+    expected = [(f"{s}-{r[0]}", *r[1:]) for s in ("ground", "first") for r in TWO_ROOMS]
+    assert matches(sides(graph, T, names), expected, tolerance)
+    for w in indoors(graph):  # the wall through both storeys too ends at each room's floor and ceiling
+        low = floors[w.floor or ""].elevation or 0.0
+        assert not spaces or w.height == pytest.approx((low, low + 2.5))
+    assert {w.floor for w in graph.wall_surfaces if w.room is None} == set(floors)
+
+    doors = {tuple(sorted(names[r] for r in d.rooms)): d for d in graph.doors}
+    assert set(doors) == {("ground-A", "ground-B"), ("ground-B",), ("first-A", "first-B"), ("first-B",)}
+    assert np.allclose(T[:2, :2] @ [4.1, 2.45] + T[:2, 3], doors["first-A", "first-B"].centroid, atol=tolerance)
+    assert np.allclose(T[:2, :2] @ [6.5, -0.15] + T[:2, 3], doors["ground-B",].centroid, atol=tolerance)
+    if not spaces:
+        assert len(notices) == 1 and "4 rooms were made of the closed faces between 11 walls" in notices[0]
+        assert (graph, notices) == read_ifc(tmp_path / "house.ifc")  # the same ids
+
+
+def shell(
+    space: Polygon | None = None, width: float = 6.0, depth: float = 4.0, top: float = 2.7
+) -> tuple[IfcModel, object]:
+    """Four walls around `width` x `depth` metres."""
+    model, w, d = IfcModel(), width, depth
+    storey = model.storey("ground", 0.0)
+    for area in (
+        box(-0.3, -0.3, w + 0.3, 0),
+        box(-0.3, d, w + 0.3, d + 0.3),
+        box(-0.3, 0, 0, d),
+        box(w, 0, w + 0.3, d),
+    ):
+        model.prism("IfcWall", area, (0.0, top), storey)
+    if space:
+        model.prism("IfcSpace", space, (0.0, 2.5), storey, "room")
+    return model, storey
+
+
+def read(model: IfcModel, folder: Path) -> SceneGraph:
+    return read_ifc(model.save(folder / "m.ifc"))[0]
+
+
+ONE_ROOM: list[Side] = [
+    ("room", 1, 0, 0, 4.0), ("room", -1, 0, -6, 4.0), ("room", 0, 1, 0, 6.0), ("room", 0, -1, -4, 6.0)
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("inset", [-0.15, 0.0, 0.02, 0.08], ids=["centre lines", "faces", "plaster", "lining"])
+def test_surfaces_are_the_walls_faces_wherever_the_space_ends(tmp_path: Path, inset: float) -> None:
+    model, _ = shell(box(inset, inset, 6 - inset, 4 - inset))
+    assert matches(sides(read(model, tmp_path)), ONE_ROOM)
+
+
+def test_partitions_within_one_space_show_both_sides_and_their_ends(tmp_path: Path) -> None:
+    """Stalls, which are thin, show no ends; stumps beside a wide door are walls."""
+    model, storey = shell(box(0, 0, 6, 4))
+    model.prism("IfcWall", box(3, 0, 3.2, 1.5), (0.0, 2.0), storey)
+    stub = [("room", -1, 0, -3, 1.5), ("room", 1, 0, 3.2, 1.5), ("room", 0, 1, 1.5, 0.2)]
+    assert matches(sides(read(model, tmp_path)), ONE_ROOM + stub)
+
+    model, storey = shell(box(0, 0, 6, 4))
+    for x in (1.0, 2.0, 3.0):  # open to the room, drawn short of the floor
+        model.prism("IfcWall", box(x, 0, x + 0.025, 1.2), (0.3, 2.0), storey)
+    east = model.file.by_type("IfcWall")[3]
+    model.opening(east, box(5.9, 0.1, 6.4, 2.3), (0.0, 2.1), "IfcDoor")
+    model.opening(east, box(5.9, 2.4, 6.4, 3.9), (0.0, 2.1), "IfcDoor")
+    stalls = [("room", s, 0, s * x, 1.2) for x0 in (1.0, 2.0, 3.0) for s, x in ((-1, x0), (1, x0 + 0.025))]
+    assert matches(sides(read(model, tmp_path)), ONE_ROOM + stalls)
+
+
+@pytest.mark.parametrize(("width", "pieces"), [(1.2, [5.0]), (3.0, [1.0, 1.0])])
+def test_doorways_are_bridged_and_wide_passages_are_not(tmp_path: Path, width: float, pieces: list[float]) -> None:
+    """Both are open up to the ceiling in one wall; their reveals are no surfaces."""
+    model = IfcModel()
+    two_rooms(model, 0.0, "g")
+    partition = model.file.by_type("IfcWall")[-1]
+    model.opening(partition, box(3.9, 2.5 - width / 2, 4.3, 2.5 + width / 2), (-1.0, 4.0))
+    facing = [s for s in sides(read(model, tmp_path)) if s[0] == "g-A" and s[1] == -1]
+    assert [s[4] for s in facing] == pytest.approx(pieces)
+
+
+def test_wall_behind_another_wall_is_not_seen(tmp_path: Path) -> None:
+    model, storey = shell(box(0, 0.17, 6, 4))
+    lining = model.prism("IfcWall", box(0, 0.05, 6, 0.17), (0.0, 3.0), storey)  # a cavity of 5 cm behind it
+    graph = read(model, tmp_path)
+    expected = [("room", 1, 0, 0, 3.83), ("room", -1, 0, -6, 3.83), ("room", 0, 1, 0.17, 6.0), ONE_ROOM[3]]
+    assert matches(sides(graph), expected)
+    assert [w.source for w in indoors(graph) if w.normal[1] > 0.9] == [lining.GlobalId]
+
+
+def test_curved_wall_becomes_chords(tmp_path: Path) -> None:
+    model, radius, angle = IfcModel(), 3.0, np.linspace(0.0, np.pi, 121)
+    storey = model.storey("ground", 0.0)
+    inner, outer = ((r * np.stack([np.cos(angle), np.sin(angle)], axis=1)).tolist() for r in (radius, radius + 0.3))
+    model.prism("IfcWall", inner + outer[::-1], (0.0, 3.0), storey)
+    model.prism("IfcWall", box(-3.3, -0.3, 3.3, 0), (0.0, 3.0), storey)
+    model.prism("IfcSpace", inner, (0.0, 2.5), storey, "round")
+    curved = [w for w in read(model, tmp_path).wall_surfaces if w.room is not None and (w.length or 0) < 5]
+    assert 15 < len(curved) < 32
+    assert sum(w.length or 0 for w in curved) == pytest.approx(np.pi * radius, rel=0.01)
+    for w in curved:
+        assert np.hypot(*w.centroid) == pytest.approx(radius, abs=0.02)
+        assert np.dot(w.normal, w.centroid) / radius < -0.99
+
+
+@pytest.mark.parametrize("outline", [4.0, 4.05, 4.1], ids=["inner", "centre", "outer"])
+def test_curtain_wall_of_panes_and_mullions_is_one_surface(tmp_path: Path, outline: float) -> None:
+    model = IfcModel("millimetres")
+    storey = model.storey("ground", 0.0)
+    for area in (box(-0.3, -0.3, 6.3, 0), box(-0.3, 0, 0, 4), box(6, 0, 6.3, 4)):
+        model.prism("IfcWall", area, (0.0, 3.0), storey)
+    panes = [("IfcPlate", box(x + 0.025, 4.04, x + 1.475, 4.06), (0.0, 3.0)) for x in (0, 1.5, 3, 4.5)]
+    mullions = [("IfcMember", box(x - 0.025, 4.0, x + 0.025, 4.1), (0.0, 3.0)) for x in (0.025, 1.5, 3, 4.5, 5.975)]
+    curtain = model.assembly("IfcCurtainWall", panes + mullions, storey)
+    model.prism("IfcSpace", box(0, 0, 6, outline), (0.0, 2.5), storey, "room")
+    graph = read(model, tmp_path)
+    (pane,) = [w for w in indoors(graph) if w.source == curtain.GlobalId]
+    assert len(indoors(graph)) == 4 and len(graph.wall_surfaces) == 8
+    assert pane.normal == pytest.approx((0.0, -1.0)) and pane.length == pytest.approx(6.0, abs=0.06)
+    assert 4.0 <= pane.centroid[1] <= 4.04
+
+
+def test_walls_that_enclose_nothing_show_every_free_side(tmp_path: Path) -> None:
+    """In a building without rooms, on a storey without, and beside rooms: in a wing whose end is open."""
+    model = IfcModel()
+    storey = model.storey("ground", 0.0)
+    model.prism("IfcWall", box(0, -0.1, 8, 0.3), WALL, storey)
+    model.prism("IfcWall", box(0, 0.3, 0.3, 6), WALL, storey)
+    graph, (notice,) = read_ifc(model.save(tmp_path / "m.ifc"))
+    free = [("", 0, -1, 0.1, 8.0), ("", 0, 1, 0.3, 7.7), ("", -1, 0, 0, 6.1), ("", 1, 0, 0.3, 5.7)]
+    assert matches(sides(graph), [*free, ("", 1, 0, 8.0, 0.4)])  # the other end is too short
+    assert "no IfcSpace" in notice and "2 walls enclose none" in notice
+
+    model, storey = shell()
+    upper = model.storey("upper", 3.0)
+    for area in (box(0, 0, 6, 0.3), box(0, 0.3, 0.3, 4)):
+        model.prism("IfcWall", area, (3.0, 5.7), upper)
+    model.prism("IfcWall", box(6.3, -0.3, 12.0, 0), WALL, storey)
+    model.prism("IfcWall", box(6.3, 4, 12.0, 4.3), WALL, storey)
+    graph, notices = read_ifc(model.save(tmp_path / "m.ifc"))
+    assert "1 room was made of the closed faces between 8 walls" in notices[0]
+    above, below = graph.on_floor(upper.GlobalId), graph.on_floor(graph.floors[0].id)
+    assert not above.rooms and above.wall_surfaces and all(w.room is None for w in above.wall_surfaces)
+    assert len(graph.surfaces_of_room[below.rooms[0].id]) == 4
+    wing = sorted(np.round(w.normal, 6).tolist() for w in indoors(below) if w.room is None)
+    assert wing == [[0.0, -1.0], [0.0, 1.0], [1.0, 0.0]]
+
+
+def test_spaces_that_are_missing_and_spaces_that_are_no_rooms(tmp_path: Path) -> None:
+    model = IfcModel()
+    two_rooms(model, 0.0, "g", "A")
+    model.prism("IfcWall", box(-0.3, 0, 0, 5), WALL, model.file.by_type("IfcBuildingStorey")[0])
+    expected = [(f"g-{s[0]}" if s[0] == "A" else "", *s[1:]) for s in TWO_ROOMS]
+    assert matches(sides(read(model, tmp_path)), expected)  # the other room keeps its walls
+
+    model = IfcModel()
+    two_rooms(model, 0.0, "g")
+    storey = model.file.by_type("IfcBuildingStorey")[0]
+    model.prism("IfcSpace", box(-0.3, -0.3, 8.5, 5.3), WALL, storey, "gross")
+    model.prism("IfcSpace", box(0, 0, 4, 5), (0.0, 2.5), storey, "double")
+    model.prism("IfcSpace", box(0, 0, 4, 5), (2.5, 3.0), storey, "void")
+    model.prism("IfcSpace", box(0, -9, 4, -1), (0.0, 2.5), storey, "terrace").PredefinedType = "EXTERNAL"
+    model.prism("IfcSpace", box(5, 1, 7, 3), (0.0, 2.5), storey, "nested")
+    for number in range(4):
+        model.prism("IfcSpace", box(number, -3, number + 0.5, -2), (0.0, 2.5), storey, f"shaft {number}")
+    graph, (notice,) = read_ifc(model.save(tmp_path / "m.ifc"))
+    assert [r.name for r in graph.rooms] == ["g-A", "g-B", "nested"]
+    assert "8 of 11 spaces left out: 1 outer, gross or parts (terrace)" in notice
+    assert "5 under 1 m2 or 1.3 m high (" in notice and " and 2 more)" in notice
+    assert "2 double or covering others (gross, double)" in notice
+
+
+def areas(model: IfcModel, folder: Path) -> list[float]:
+    return sorted(shapely.Polygon(r.polygon).area for r in read(model, folder).rooms)
+
+
+@pytest.mark.parametrize(
+    ("gap", "filling", "rooms"),
+    [(0.25, None, 2), (2.0, None, 1), (0.9, "IfcDoor", 2), (2.0, "IfcDoor", 2), (2.0, "IfcWindow", 2)],
+)
+def test_gaps_between_walls_join_rooms_unless_narrow_or_filled(
+    tmp_path: Path, gap: float, filling: str | None, rooms: int
+) -> None:
+    model, storey = shell()
+    model.prism("IfcWall", box(2.9, 0, 3.1, 1), WALL, storey)
+    model.prism("IfcWall", box(2.9, 1 + gap, 3.1, 4), WALL, storey)
+    if filling:
+        model.prism(filling, box(2.9, 1, 3.1, 1 + gap), (0.0, 2.1), storey)
+    assert len(areas(model, tmp_path)) == rooms
+
+
+@pytest.mark.parametrize(
+    ("width", "filling", "rooms"), [(0.9, None, 2), (2.5, None, 1), (2.5, "IfcDoor", 2), (2.5, "IfcWindow", 2)]
+)
+def test_openings_under_a_lintel_join_rooms_if_wide_and_unfilled(
+    tmp_path: Path, width: float, filling: str | None, rooms: int
+) -> None:
+    model, storey = shell()
+    wall = model.prism("IfcWall", box(2.9, 0, 3.1, 4), WALL, storey)
+    model.opening(wall, box(2.8, 0.5, 3.2, 0.5 + width), (-0.1, 2.2), filling)
+    found = areas(model, tmp_path)
+    assert len(found) == rooms
+    assert rooms == 1 or found == pytest.approx([2.9 * 4, 2.9 * 4], abs=0.02)  # the opening is thicker than the wall
+
+
+def test_columns_shafts_and_cavities_are_no_rooms_but_columns_close_a_front(tmp_path: Path) -> None:
+    model, storey = shell(width=10.0, depth=6.0)
+    for area in (box(4, 2, 4.1, 3), box(5, 2, 5.1, 3), box(4, 1.9, 5.1, 2), box(4, 3, 5.1, 3.1)):
+        model.prism("IfcWall", area, WALL, storey)  # a shaft of 0.9 m x 1 m
+    for area in (box(7, 1, 7.2, 1.2), box(7, 4, 7.2, 4.2)):
+        model.prism("IfcColumn", area, WALL, storey)
+    model.prism("IfcWall", box(0, 5.4, 10, 5.5), WALL, storey)  # 0.5 m before the north wall
+    assert areas(model, tmp_path) == [pytest.approx(54.0, abs=0.01)]
+
+    model = IfcModel()
+    storey = model.storey("ground", 0.0)
+    for area in (box(-0.3, -0.3, 12.3, 0), box(-0.3, 0, 0, 4), box(12, 0, 12.3, 4), box(-0.3, 4, 2.7, 4.3)):
+        model.prism("IfcWall", area, WALL, storey)
+    model.prism("IfcWall", box(9.3, 4, 12.3, 4.3), WALL, storey)  # 6.6 m apart, wider than a gate
+    assert areas(model, tmp_path) == []
+    model.prism("IfcColumn", box(2.7, 4, 3.5, 4.3), WALL, storey)
+    assert areas(model, tmp_path) == [pytest.approx(48.0, abs=0.01)]
+
+
+def test_a_room_beside_split_levels_stands_at_the_level_of_its_door(tmp_path: Path) -> None:
+    """Rooms at 0.0 m and 1.4 m, with walls as high as both: each is met at both levels' heights."""
+    model, lower = shell(top=4.1)
+    middle = model.storey("middle", 1.4)
+    for area in (box(6.3, -0.3, 11.3, 0), box(6.3, 4, 11.3, 4.3), box(11, 0, 11.3, 4)):
+        model.prism("IfcWall", area, (0.6, 4.1), middle)
+    north, east = model.file.by_type("IfcWall")[1], model.file.by_type("IfcWall")[6]
+    model.opening(north, box(1, 3.9, 2, 4.4), (0.0, 2.0), "IfcDoor")
+    model.opening(east, box(10.9, 1, 11.4, 2), (1.4, 3.4), "IfcDoor")
+    graph = read(model, tmp_path)
+    assert {r.floor: round(r.centroid[0], 1) for r in graph.rooms} == {lower.GlobalId: 3.0, middle.GlobalId: 8.7}
+    assert [len(d.rooms) for d in graph.doors] == [1, 1]
+
+
+def test_zip_json_and_cache_give_the_same_graph(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    model, _ = shell(box(0, 0, 6, 4))
+    ifc, cache = model.save(tmp_path / "m.ifc"), tmp_path / "a" / "cache"
+    monkeypatch.setenv("SGSLAM_CACHE_DIR", str(cache))
+    bim = load_bim(ifc)
+    (entry,) = cache.iterdir()
+    with zipfile.ZipFile(tmp_path / "m.ifczip", "w") as archive:
+        archive.write(ifc, "inner/m.ifc")
+    bim.graph.save(tmp_path / "a.json")
+    (blocked := tmp_path / "file").write_text("")
+    assert load_bim(ifc) == load_bim(ifc, blocked / "cache") == bim
+    assert load_bim(tmp_path / "m.ifczip").graph == load_bim(tmp_path / "a.json").graph == bim.graph
+    for damage in ("", "[]", '{"graph": {"schema_version": 1}}', "\xff"):
+        entry.write_bytes(damage.encode("latin-1"))
+        assert load_bim(ifc) == bim
+        assert json.loads(entry.read_text())["graph"] == json.loads((tmp_path / "a.json").read_text())
+    script = "import sys, data.plans.bim as b; b.load_bim(sys.argv[1]); sys.exit('ifcopenshell' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", script, str(ifc)], check=False).returncode == 0
+
+
+def test_broken_archives_and_a_reader_that_goes_down_are_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = shell(box(0, 0, 6, 4))[0].save(tmp_path / "m.ifc")
+    good = path.read_bytes()
+    for name, members in {
+        "none": {"a.txt": b"x"}, "two": {"a.ifc": good, "b.ifc": good}, "cut": {"a.ifc": good[: len(good) // 2]},
+        "bomb": {"a.ifc": bytes(60_000_000)}, "cannot be unpacked": {},
+    }.items():  # fmt: skip
+        with zipfile.ZipFile(tmp_path / f"{name}.ifczip", "w", zipfile.ZIP_DEFLATED) as archive:
+            for member, raw in members.items():
+                archive.writestr(member, raw)
+        if not members:
+            (tmp_path / f"{name}.ifczip").write_text("no archive")
+        with pytest.raises(UserError, match=rf"{name}\.ifczip"):
+            load_bim(tmp_path / f"{name}.ifczip", tmp_path / "cache")
+    monkeypatch.setattr(guard, "MEMORY", 1 << 20)  # it cannot even begin
+    with pytest.raises(UserError, match=r"crashes the reader|memory") as told:
+        guard.read_guarded(path)
+    assert "\n" not in str(told.value)
+    monkeypatch.undo()
+    assert len(guard.read_guarded(path)["graph"]["rooms"]) == 1  # the helper lives on
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not REAL, reason="../shared/data/ifc is not there")
+@pytest.mark.parametrize("path", REAL, ids=lambda p: p.stem)
+def test_real_models(path: Path, tmp_path: Path) -> None:
+    jsonschema = pytest.importorskip("jsonschema")
+    graph = load_bim(path, tmp_path).graph
+    jsonschema.validate(json.loads(json.dumps(graph.to_dict())), json.loads(SCHEMA.read_text()))
+    areas = {r.id: shapely.Polygon(r.polygon) for r in graph.rooms}
+    assert graph.wall_surfaces and all(a.is_valid and a.area >= 1 for a in areas.values())
+    for w in graph.wall_surfaces:
+        assert w.plane and w.length and w.height
+        assert math.hypot(*w.normal) == pytest.approx(1.0)
+        assert np.dot(w.plane[:2], w.centroid) + w.plane[3] == pytest.approx(0.0, abs=1e-6)
+        assert w.length >= 0.15 and w.height[1] - w.height[0] >= 0.3
+        ends = np.array(w.ends())  # its room lies within 0.35 m before it
+        before = shapely.Polygon([*ends, *(ends + 0.35 * np.array(w.normal))[::-1]])
+        assert w.room is None or areas[w.room].intersects(before)
+    enclosed = [len(graph.surfaces_of_room[r.id]) >= 3 for r in graph.rooms]
+    assert not enclosed or np.mean(enclosed) > 0.85
+    assert all(len(d.rooms) <= 2 for d in graph.doors)

@@ -1,0 +1,143 @@
+"""Readers of what other SLAM systems leave behind: poses, joined to scans, and maps given back to poses."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from boxes import Array, pose
+
+from data import UserError
+from data.scans import ScanFolder
+from data.scans.writers import SCAN_WRITERS
+from data.slam_output import open_slam_output
+from data.slam_output.graph_poses import read_graph_poses
+from data.slam_output.map_points import owners, viewpoints
+from data.slam_output.posed_scans import PosedScans, walking_stamps
+from data.trajectory import Trajectory
+from data.trajectory.readers import PoseList
+
+NS = 10**9
+WAY = np.stack([pose(0.5 * k, 0.1 * k**2, 0.8, 0.3 * k) for k in range(8)])
+STAMPS = NS * np.arange(5, 13) + 123
+
+
+def clouds(folder: Path, count: int, stamps: Array | None = None) -> ScanFolder:
+    folder.mkdir()
+    for k in range(count):
+        np.save(folder / f"{k:03d}.npy", np.full((9, 3), 1.0 + k))
+    if stamps is not None:
+        (folder / "times.txt").write_text("".join(f"{stamp / NS:.9f}\n" for stamp in stamps))
+    return ScanFolder(folder)
+
+
+def test_as_many_clouds_as_poses_belong_together_in_order(tmp_path: Path) -> None:
+    scans = PosedScans(clouds(tmp_path / "clouds", 8), PoseList(WAY, STAMPS), "poses")
+    found = list(scans)
+    assert [scan.stamp_ns for scan in found] == STAMPS.tolist() and scans.note is None
+    np.testing.assert_array_equal(np.stack([np.asarray(scan.T_odom_sensor) for scan in found]), WAY)
+    unstamped = PosedScans(ScanFolder(tmp_path / "clouds"), PoseList(WAY, None), "poses")
+    assert unstamped.note is not None and "1 m/s" in unstamped.note
+    assert unstamped.stamps_ns is not None and unstamped.stamps_ns.tolist() == walking_stamps(WAY).tolist()
+    assert np.diff(walking_stamps(WAY))[0] == round(np.hypot(0.5, 0.1) * NS)
+
+
+def test_scans_are_joined_to_poses_by_stamps_and_those_without_are_left_out(tmp_path: Path) -> None:
+    times = np.sort([*STAMPS[:4], *(STAMPS[:3] + NS // 2), STAMPS[-1] + 5 * NS])
+    scans = PosedScans(clouds(tmp_path / "clouds", 8, times), PoseList(WAY[:5], STAMPS[:5]), "poses")
+    found = list(scans)
+    assert [scan.stamp_ns for scan in found] == times[:-1].tolist()
+    half = next(scan for scan in found if scan.stamp_ns == STAMPS[0] + NS // 2)
+    assert half.T_odom_sensor is not None
+    np.testing.assert_allclose(half.T_odom_sensor[:3, 3], (WAY[0] + WAY[1])[:3, 3] / 2, atol=1e-6)
+    sparse, without = scans.remarks
+    assert "more than 0.5 s apart and were taken as they are" in sparse
+    assert without == "1 of 8 scans have no pose in poses and were left out"
+    with pytest.raises(UserError, match=r"covers 5\.000000123 to .* give poses by their clock"):
+        PosedScans(clouds(tmp_path / "later", 5, times[:5] + 100 * NS), PoseList(WAY, STAMPS), "poses")
+
+
+def test_poses_at_the_ends_of_scans_are_interpolated_to_their_stamps(tmp_path: Path) -> None:
+    stamps, last = NS + NS // 10 * np.arange(8), 0.08  # a LiDAR that pauses after each scan
+    (folder := tmp_path / "scans").mkdir()
+    for k in range(8):
+        times = np.linspace(0.0, last, 9).astype(np.float32)
+        SCAN_WRITERS["ply"](folder / f"{k:03d}.ply", np.full((9, 3), 1.0 + k, np.float32), times)
+    (folder / "times.txt").write_text("".join(f"{stamp / NS:.9f}\n" for stamp in stamps))
+    for own in (stamps, None, stamps + 100 * NS):  # its own clock, none, another one
+        scans = PosedScans(ScanFolder(folder), PoseList(WAY, own, at_ends=True), "poses")
+        found = np.stack([np.asarray(scan.T_odom_sensor) for scan in scans])
+        assert scans.given.stamps_ns[0] - (stamps if own is None else own)[0] == pytest.approx(last * NS, abs=10)
+        np.testing.assert_allclose(found[1:, :3, 3], (0.8 * WAY[:-1] + 0.2 * WAY[1:])[:, :3, 3], atol=0.03)
+    sparse = PosedScans(ScanFolder(folder), PoseList(WAY, STAMPS, at_ends=True), "poses")
+    assert sparse.given.stamps_ns.tolist() == STAMPS.tolist() and not sparse.is_dense
+
+
+def test_a_point_of_a_map_goes_to_one_place_that_could_see_it() -> None:
+    front = np.array([[3.0, y, z] for y in np.linspace(-1.5, 1.5, 60) for z in np.linspace(0.2, 2.5, 50)])
+    back = front[np.abs(front[:, 1]) < 1.0] + [0.15, 0.0, 0.0]  # of a wall as thin as they are
+    places = np.array([[0.0, 0.0, 1.0], [1.0, 0.5, 1.0], [6.0, 0.0, 1.0], [100.0, 0.0, 1.0]])
+    owner = owners(np.vstack([front, back]), places, 20.0)
+    middle = owner[: len(front)][np.abs(front[:, 1]) < 0.8]  # beyond, the place behind sees past the back
+    assert set(middle.tolist()) == {0, 1} and set(owner[len(front) :].tolist()) == {2}
+    shares = np.bincount(middle) / len(middle)
+    assert np.abs(shares - 0.5).max() < 0.1  # neither of two that see all of it has it all
+    assert owners(front, places[3:], 20.0).tolist() == [-1] * len(front)
+    turning = np.stack([pose(0.0, 0.0, 0.0, 0.4 * k) for k in range(7)])
+    assert viewpoints(turning, 1.0, 1.0).tolist() == [0, 3, 6]  # apart by turn, or by way
+    assert viewpoints(np.stack([pose(0.3 * k, 0.0) for k in range(9)]), 1.0, 1.0).tolist() == [0, 4, 8]
+
+
+def test_points_of_another_storey_are_not_given_through_holes_of_the_map() -> None:
+    rng = np.random.default_rng(1)
+
+    def level(z: float, count: int) -> Array:
+        return np.column_stack([rng.uniform((-4, -4), (2.9, 4), (count, 2)), np.full(count, z)])
+
+    def wall(z: float) -> Array:
+        return np.column_stack([np.full(4000, 3.0), rng.uniform(-4, 4, 4000), z + rng.uniform(0, 2.5, 4000)])
+
+    storeys = [level(0.0, 4000), wall(0.0), level(3.0, 4000), wall(3.0)]  # without a ceiling
+    places = np.array([[x, 0.3, z] for z in (0.8, 3.8) for x in (-2.0, -0.5, 1.0)])
+    owner = owners(np.vstack(storeys), places, 20.0)
+    assert owners(np.empty((0, 3)), places, 20.0).shape == (0,)
+    for k, upper in ((0, False), (1, False), (2, True), (3, True)):
+        own = owner[4000 * k : 4000 * (k + 1)]
+        right = (own >= 3) == upper
+        assert (own >= 0).mean() > 0.9 and right[own >= 0].mean() > 0.9
+
+
+def test_a_graph_tells_how_uncertain_its_motions_are(tmp_path: Path) -> None:
+    lines = [f"VERTEX_SE3:QUAT {k} {k} 0 0 0 0 0 1" for k in range(3)]
+    information = "100 0 0 0 0 0 400 0 0 0 0 25 0 0 0 40000 0 0 40000 0 10000"
+    lines += [f"EDGE_SE3:QUAT {k} {k + 1} 1 0 0 0 0 0 1 {information}" for k in range(2)]
+    path = tmp_path / "graph.g2o"
+    path.write_text("\n".join(lines))
+    found = read_graph_poses(path)
+    assert found.step_covariances is not None and found.step_covariances[0] is None
+    for step in found.step_covariances[1:]:
+        np.testing.assert_allclose(np.sqrt(np.diag(np.asarray(step))), [0.01, 0.01, 0.02, 0.1, 0.05, 0.2])
+    loop = "EDGE_SE3:QUAT 0 2 2.3 0 0 0 0 0 1 " + information  # 0.3 m off, three sigmas
+    path.write_text("\n".join([*lines, loop]))
+    scaled = read_graph_poses(path).step_covariances
+    assert scaled is not None
+    np.testing.assert_allclose(np.asarray(scaled[1])[3, 3], 0.1**2 * 9 / 6)  # 9 of 6 degrees of freedom
+    path.write_text("\n".join(lines).replace(information, "1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 1 0 0 1 0 1"))
+    assert read_graph_poses(path).step_covariances == [None, None, None]
+
+
+def test_a_damaged_dump_is_refused_with_its_file(tmp_path: Path) -> None:
+    dump = tmp_path / "dump/000000"
+    dump.mkdir(parents=True)
+    Trajectory(STAMPS, WAY).write_tum(tmp_path / "dump/traj_lidar.txt")
+    rows = "1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"
+    for text, points, said in (
+        ("id: 0\n", b"", "no T_world_origin"),
+        (f"T_world_origin:\n{rows}", b"", "names no frame"),
+        (f"T_world_origin:\n{rows}stamp: 99.5\n", b"", "none of its frames"),
+        (f"T_world_origin:\n{rows}stamp: 5.000000123\n", b"1234567", "not a whole number"),
+        (f"T_world_origin:\n{rows}stamp: 5.000000123\n", b"", "no point of the map is in view"),
+    ):
+        (dump / "data.txt").write_text(text)
+        (dump / "points_compact.bin").write_bytes(points)
+        with pytest.raises(UserError, match=said):
+            open_slam_output(tmp_path / "dump")

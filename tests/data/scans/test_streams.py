@@ -1,0 +1,138 @@
+"""Scans that are still coming: taken once they are complete, in order, and none is silently left out."""
+
+import os
+import queue
+import struct
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bag_files import lidar_bag
+
+from data.bags.recovery import Recovery
+from data.common.errors import UserError
+from data.streams import Arrival, GrowingFolder, McapPipe, ScanStream
+
+SOON = 5.0  # s, within which a busy machine notices
+POINTS = np.random.default_rng(0).normal(size=(50, 3)).astype(np.float32)
+
+
+@contextmanager
+def coming(stream: ScanStream) -> Iterator["queue.Queue[Arrival]"]:
+    """The arrivals of a stream, as they come, until the context ends."""
+    arrivals: queue.Queue[Arrival] = queue.Queue()
+    thread = threading.Thread(target=lambda: [arrivals.put(arrival) for arrival in stream])
+    thread.start()
+    try:
+        yield arrivals
+    finally:
+        stream.stop.set()
+        thread.join()
+
+
+def stamps_of(arrivals: "queue.Queue[Arrival]", count: int) -> list[int]:
+    return [arrivals.get(timeout=SOON).scan.stamp_ns for _ in range(count)]
+
+
+def test_a_file_is_taken_when_its_writer_has_closed_it_and_not_before(tmp_path: Path) -> None:
+    data = np.c_[POINTS, np.zeros(50)].astype("<f4").tobytes()
+    with coming(GrowingFolder(tmp_path)) as arrivals:
+        with (tmp_path / "1.25.bin").open("wb") as file:
+            file.write(data[:320])  # 20 points, as good as a scan
+            file.flush()
+            with pytest.raises(queue.Empty):
+                arrivals.get(timeout=0.3)
+            file.write(data[320:])
+        scan = arrivals.get(timeout=SOON).scan
+        assert scan.stamp_ns == 1_250_000_000 and np.array_equal(scan.points, POINTS)
+
+
+def test_files_are_taken_in_their_order_with_those_that_were_there_before(tmp_path: Path) -> None:
+    for k in range(3):
+        np.save(tmp_path / f"{9 + k}.5.npy", POINTS)
+        os.utime(tmp_path / f"{9 + k}.5.npy", (0, 0))
+    stream = GrowingFolder(tmp_path)
+    with coming(stream) as arrivals:
+        np.save(tmp_path / ".12.5.npy", POINTS)  # a name that recorders give while they write
+        (tmp_path / ".12.5.npy").rename(tmp_path / "12.5.npy")
+        (tmp_path / "notes.txt").write_text("no scan")
+        assert stamps_of(arrivals, 4) == [int((k + 0.5) * 1e9) for k in (9, 10, 11, 12)]
+        np.save(tmp_path / "10.75.npy", POINTS)
+        (tmp_path / "13.5.npy").write_bytes(b"damaged")
+        np.save(tmp_path / "14.5.npy", POINTS)
+        assert stamps_of(arrivals, 1) == [14_500_000_000]
+    assert [(own.name, own.index) for own in stream.skipped] == [("10.75.npy", 4), ("13.5.npy", 5)]
+    assert "came after 12.5.npy" in stream.skipped[0].reason
+
+
+def test_a_scan_waits_for_its_line_in_a_times_file_that_grows(tmp_path: Path) -> None:
+    (tmp_path / "times.txt").write_text("# seconds\n0.5\n0.")
+    with coming(GrowingFolder(tmp_path)) as arrivals:
+        for k in range(2):
+            np.save(tmp_path / f"{k}.npy", POINTS)
+        assert stamps_of(arrivals, 1) == [500_000_000]
+        with pytest.raises(queue.Empty):
+            arrivals.get(timeout=0.2)
+        with (tmp_path / "times.txt").open("a") as file:
+            file.write("75\n")
+        assert stamps_of(arrivals, 1) == [750_000_000]
+
+
+def test_one_wrong_stamp_costs_one_scan_and_a_pause_costs_none(tmp_path: Path) -> None:
+    seconds = ["1.0", "1.1", "900.0", "1.2", "1.3", "50.0", "50.1"]
+    (tmp_path / "times.txt").write_text("".join(f"{own}\n" for own in seconds))
+    stream = GrowingFolder(tmp_path)
+    with coming(stream) as arrivals:
+        for k in range(len(seconds)):
+            np.save(tmp_path / f"{k}.npy", POINTS)
+        assert stamps_of(arrivals, 6) == [int(float(own) * 1e9) for own in seconds if own != "900.0"]
+    assert [own.index for own in stream.skipped] == [2] and "before scan 5" in stream.remarks[0]
+
+
+def test_names_of_which_only_some_are_stamps_are_a_mistake(tmp_path: Path) -> None:
+    np.save(tmp_path / "1.5.npy", POINTS)
+    np.save(tmp_path / "next.npy", POINTS)
+    for file in tmp_path.iterdir():
+        os.utime(file, (0, 0))
+    with pytest.raises(UserError, match=r"next\.npy: its name carries no stamp"):
+        list(GrowingFolder(tmp_path))
+    with pytest.raises(UserError, match="does not exist"):
+        GrowingFolder(tmp_path / "nowhere")
+
+
+def test_a_pipes_scan_comes_with_its_record_and_what_is_cut_off_is_told(tmp_path: Path) -> None:
+    header, *messages = unchunked(next(lidar_bag(tmp_path / "bag", "mcap", 3).glob("*.mcap")))
+    reader, writer = os.pipe()
+    with os.fdopen(reader, "rb") as file:
+        stream = McapPipe(file)
+        with coming(stream) as arrivals, os.fdopen(writer, "wb", buffering=0) as end:
+            end.write(header + messages[0])
+            first = stamps_of(arrivals, 1)
+            end.write(messages[1])
+            assert stamps_of(arrivals, 1)[0] == first[0] + 100_000_000
+            end.write(messages[2][:-100])
+            end.close()
+            with pytest.raises(queue.Empty):
+                arrivals.get(timeout=0.2)
+    assert [own.index for own in stream.skipped] == [2] and "cut off" in stream.remarks[0]
+    with (tmp_path / "none").open("w+b") as file, pytest.raises(UserError, match="does not start like MCAP"):
+        list(McapPipe(file))
+
+
+def unchunked(bag: Path) -> list[bytes]:
+    """An MCAP file's header, schema and channel, and each of its messages, as a writer without chunks puts them."""
+
+    def text(value: bytes) -> bytes:
+        return struct.pack("<I", len(value)) + value
+
+    def record(op: int, data: bytes) -> bytes:
+        return struct.pack("<BQ", op, len(data)) + data
+
+    records = list(Recovery(bag))
+    schema = struct.pack("<H", 1) + text(records[0].msgtype.encode()) + text(b"ros2msg") + text(b"")
+    channel = struct.pack("<HH", 1, 1) + text(records[0].topic.encode()) + text(b"cdr") + text(b"")
+    begin = b"\x89MCAP0\r\n" + record(1, text(b"") * 2) + record(3, schema) + record(4, channel)
+    return [begin] + [record(5, struct.pack("<HIQQ", 1, 0, own.log_ns, own.log_ns) + own.data) for own in records]

@@ -1,1 +1,0 @@
-"""Damaged files of every format, for every reader."""
