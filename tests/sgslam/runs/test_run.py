@@ -15,7 +15,7 @@ from small_ifc import write_small_ifc
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 SCHEMA = ROOT / "data" / "scene_graph" / "scene_graph.schema.json"
 SHARED_SCHEMA = ROOT.parent / "shared" / "schemas" / "scene_graph.schema.json"
 

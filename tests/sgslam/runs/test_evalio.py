@@ -19,7 +19,7 @@ from data.simulation.simulate import simulate
 from sgslam.session.checkpoints import about_run
 
 pytest.importorskip("evalio", reason="evalio is not installed: pip install 'sgslam[evalio]'")
-HELPERS = Path(__file__).resolve().parents[1] / "helpers"
+HELPERS = Path(__file__).resolve().parents[2] / "helpers"
 ROOT = HELPERS.parents[1]
 NAME, COUNT = "simulated_drive/small", 100
 

@@ -27,7 +27,7 @@ from sgslam.cli.export import IFC, export
 from sgslam.config import Config
 from sgslam.config.loading import save_config
 
-SHARED_2X3 = Path(__file__).resolve().parents[3] / "shared/data/ifc/AC90R1-niedriha-V2-2x3.ifc"
+SHARED_2X3 = Path(__file__).resolve().parents[4] / "shared/data/ifc/AC90R1-niedriha-V2-2x3.ifc"
 YAW = 0.4
 
 

@@ -16,7 +16,7 @@ from commands import called, refused
 from data.common.errors import UserError
 from sgslam.cli.batch_jobs import RECORD, read_jobs
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 
 @pytest.mark.parametrize(
