@@ -178,9 +178,7 @@ def test_networkx_loads_the_scene_graph(drive: Drive, out: Path) -> None:
         ("keyframe_clouds.bin", "SGKC", "keyframe_clouds.bin"), ("config.yaml", "clouds: [", "config.yaml"),
     ],
 )  # fmt: skip
-def test_damaged_files_are_told_by_their_name(
-    out: Path, tmp_path: Path, name: str, content: str, message: str
-) -> None:
+def test_damaged_files_are_told_by_their_name(out: Path, tmp_path: Path, name: str, content: str, message: str) -> None:
     for path in out.iterdir():
         (tmp_path / path.name).symlink_to(path)
     (tmp_path / name).unlink()

@@ -57,7 +57,14 @@ def judged(
         T_bim_map = np.array([[1.0, 0, 0, 0], [0, c, -s, 0], [0, s, c, 0], [0, 0, 0, 1]])
     maps = trajectory(positions), trajectory(odometry)
     return quality_of(
-        *maps, list(begins), list(walls_seen), uncertainty, lost / SCANS, unplaced / SCANS, T_bim_map, plan,
+        *maps,
+        list(begins),
+        list(walls_seen),
+        uncertainty,
+        lost / SCANS,
+        unplaced / SCANS,
+        T_bim_map,
+        plan,
         QualitySettings(),
     )
 

@@ -37,8 +37,8 @@ def jittered(trajectory: Trajectory, seed: int = 0, metres: float = 0.05) -> Tra
     rng = np.random.default_rng(seed)
     poses = trajectory.poses.copy()
     poses[:, :3, 3] += rng.normal(scale=metres, size=(len(poses), 3))
-    poses[:, :3, :3] = Rotation.from_rotvec(rng.normal(scale=0.02, size=(len(poses), 3))).as_matrix() @ (
-        poses[:, :3, :3]
+    poses[:, :3, :3] = (
+        Rotation.from_rotvec(rng.normal(scale=0.02, size=(len(poses), 3))).as_matrix() @ (poses[:, :3, :3])
     )
     return Trajectory(trajectory.stamps_ns, poses)
 

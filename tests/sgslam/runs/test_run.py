@@ -133,8 +133,12 @@ def box_scan(x: float) -> np.ndarray:
     azimuth, elevation = np.meshgrid(1e-3 + np.radians(np.arange(-180, 180)), np.radians(np.arange(-15, 16, 2)))
     d = np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], -1)
     d = d.reshape(-1, 3)
-    hits = np.stack([np.where(d > 0, (high - o) / d, (low - o) / d)
-                     for d, o, low, high in ((d[:, 0], x, -3, 3), (d[:, 1], 0, -2, 2), (d[:, 2], 0, -1, 1.6))])
+    hits = np.stack(
+        [
+            np.where(d > 0, (high - o) / d, (low - o) / d)
+            for d, o, low, high in ((d[:, 0], x, -3, 3), (d[:, 1], 0, -2, 2), (d[:, 2], 0, -1, 1.6))
+        ]
+    )
     return d * hits.min(axis=0)[:, None]
 
 

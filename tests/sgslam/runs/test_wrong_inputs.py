@@ -174,8 +174,11 @@ def test_feet_are_told(planned: bool, said: str, walk: Path, tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("height", "carried", "planned"),
     [
-        pytest.param(2.7, 1.4, None, marks=pytest.mark.long), pytest.param(9.0, 1.4, None, marks=pytest.mark.long),
-        (9.0, 1.4, 2.7), (9.0, 2.4, None), pytest.param(9.0, 2.4, 9.0, marks=pytest.mark.long),
+        pytest.param(2.7, 1.4, None, marks=pytest.mark.long),
+        pytest.param(9.0, 1.4, None, marks=pytest.mark.long),
+        (9.0, 1.4, 2.7),
+        (9.0, 2.4, None),
+        pytest.param(9.0, 2.4, 9.0, marks=pytest.mark.long),
     ],
 )
 def test_metres_are_not_taken_for_feet_in_a_room_nor_in_a_hall(
