@@ -50,3 +50,9 @@ def write_anchored_run(folder: Path) -> None:
     given = ("--scan-dir", write_scans(folder / "scans"), "--ground-truth", folder / "truth.tum", "--bim", ifc)
     done = called("sgslam.run", *given, "--out", folder / "out")
     assert done.returncode == 0, done.stderr
+
+
+@pytest.fixture(scope="session")
+def anchored_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of `write_anchored_run`; not to be changed."""
+    return written_once(tmp_path_factory, "anchored_run", write_anchored_run)

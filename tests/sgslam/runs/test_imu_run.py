@@ -1,5 +1,6 @@
 """An IMU given to a run: by library, and in a bag with the scans."""
 
+import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -9,7 +10,6 @@ import pytest
 from bag_files import START, cloud, imu, store, write_bag
 from boxes import pose, room, scan, scene_of
 from commands import called, refused
-from test_run import process
 
 from data.common.errors import UserError
 from data.imu import ImuSamples, write_imu
@@ -78,13 +78,15 @@ def test_a_lidar_inertial_odometry_without_its_library_or_an_imu_is_refused(
         assert f"odometry {method}: the library is not installed; pip install 'sgslam[{method}]'" in said
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("method", ["rko_lio", "genz_lio"])
 def test_what_a_library_prints_is_not_on_standard_output(method: str, tmp_path: Path) -> None:
     if find_spec(method) is None:
         pytest.skip(f"needs the extra {method}")
     scans = write_standing(tmp_path / "scans")
-    done = process("--scan-dir", scans, "--imu", scans / "imu.csv", "--odometry", method, "--out", tmp_path / "out")
+    words = ["--scan-dir", scans, "--imu", scans / "imu.csv", "--odometry", method, "--out", tmp_path / "out"]
+    command = [sys.executable, "-m", "sgslam.run", "--single-pass", *map(str, words)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr
     assert "IMU" not in done.stdout and "Profiling" not in done.stdout
     moved = Trajectory.read_tum(tmp_path / "out/trajectory.tum").positions
