@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from data.common.errors import UserError
 from data.plans.elements import PlannedElement
 from sgslam.as_built.elements.files import PICTURES
-from sgslam.cloud_to_model import CloudToModel, distances_to_model, load_open3d
+from sgslam.cloud_to_model import distances_to_model, load_open3d
 from sgslam.cloud_to_model.files import CLOUD, HISTOGRAM, TABLE, write_cloud_to_model
-from sgslam.cloud_to_model.pictures import GREY, colours
+from sgslam.cloud_to_model.pictures import GREY
 from sgslam.slam import SceneGraphSlam
 
 Array = NDArray[np.float64]
@@ -84,21 +84,6 @@ def test_the_files_say_the_same(tmp_path: Path) -> None:
     assert (shown[len(near) :] == GREY).all() and (shown[: len(near), 2] > shown[: len(near), 0]).all()  # blue: behind
     kept = cloud.metadata["_ply_raw"]["vertex"]["data"]["distance"]
     np.testing.assert_allclose(kept, found.distance, atol=1e-6)
-
-
-def test_colours_are_red_before_the_face_and_blue_behind_it() -> None:
-    before, on, behind, beyond, none = colours(np.array([0.09, 0.0, -0.09, 0.5, np.nan]), 0.09).tolist()
-    assert before[0] > before[2] + 50 and behind[2] > behind[0] + 50
-    assert min(on) > 230 and beyond == before and tuple(none) == GREY
-
-
-def test_elements_with_few_points_have_no_entry() -> None:
-    from sgslam.cloud_to_model.summary import LEAST_POINTS, shown
-
-    element = np.array([0] * LEAST_POINTS + [1] * (LEAST_POINTS - 1))
-    zeros = np.zeros(len(element))
-    found = CloudToModel(np.zeros((len(element), 3)), zeros, element, zeros.astype(np.int64), 0.3)
-    assert shown(found) == [(0, LEAST_POINTS)]
 
 
 @needs_open3d

@@ -17,7 +17,6 @@ from sgslam.report.drawn_paths import MAX_VERTICES
 from sgslam.report.error_chart import chart_data, error_chart, error_lines
 from sgslam.report.page import report_html
 from sgslam.report.plan_drawing import plan_drawing
-from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
 
 WHY = "the walls no longer agree"
 
@@ -192,16 +191,6 @@ def test_the_band_follows_the_way_round_holes_and_leaves_out_what_is_not_known()
     poses[:, :3, 3] = np.column_stack([5 + 3 * np.cos(angles), 5 + 3 * np.sin(angles), np.full(500, 4.0)])
     ring = band(with_poses(sample(), np.linalg.inv(T_BIM_MAP) @ poses), 0.5, 0.5)
     assert ring.area == pytest.approx(np.pi * (4**2 - 2**2), rel=0.01)
-
-
-def test_states_of_the_scans_come_from_their_uncertainty() -> None:
-    sigma, part = np.arange(18.0).reshape(3, 6), np.array([0, 0, 2])
-    anchored, health = np.array([True, False, False]), ("degraded", "lost", "good")
-    stamps = np.array([5, 7, 9]) * 10**9
-    states = ScanUncertainty(stamps, sigma, part, ("", "", ""), anchored, health).states()  # type: ignore[arg-type]
-    assert states.known.tolist() == [True, False, False] and states.seconds.tolist() == [0, 2, 4]
-    assert states.lost.tolist() == [False, True, False] and states.part.tolist() == [0, 0, 2]
-    assert np.array_equal(states.sigma, sigma[:, :2])
 
 
 def test_errors_against_time_are_those_of_the_metrics() -> None:

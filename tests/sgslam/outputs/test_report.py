@@ -16,14 +16,11 @@ from report_samples import HOSTILE, Page, anchor, not_anchored, on_two_floors, s
 
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
-from sgslam.config import QualitySettings
 from sgslam.report import ReportData
 from sgslam.report.number_formats import signal_texts
 from sgslam.report.page import report_html, write_report
 from sgslam.report.plan_png import write_plan_png
 from sgslam.report.tables import known_rows, relocalised
-from sgslam.session.soundness.quality import quality_of
-from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
 
 
 def nothing_seen() -> ReportData:
@@ -94,6 +91,9 @@ def test_the_page_says_what_the_files_say(anchored_run: Path) -> None:
     assert len(seen) > 5 and {own["name"] for own in seen} <= lines
     (moved,) = (own for own in seen if own["verdict"] == "moved")
     assert f"{1000 * abs(moved['offset_m']):.1f} mm" in page.text
+    for name, signal in metrics["quality"].items():  # each has a phrase and a unit
+        texts = signal_texts(name, signal)
+        assert not any("_" in text for text in texts) and set(texts) <= lines
     for line in metrics["advice"]:
         assert line in page.text
     scene = json.loads(page.inside["scene-data"])
@@ -169,25 +169,6 @@ def test_it_is_said_when_the_last_part_was_placed_or_why_not(found: bool) -> Non
     sigma = {"position_sigma_m": {"value": 0.0194, "limit": 0.2, "ok": True}}
     ((whose, said),) = known_rows({"anchored": found, "quality": sigma})
     assert ("anchored" in whose) == found and "19.4 mm" in said
-
-
-def test_every_signal_of_quality_has_a_phrase_and_a_unit() -> None:
-    data = sample()
-    states = ScanUncertainty(
-        data.trajectory_map.stamps_ns,
-        np.full((500, 6), 0.01),
-        np.zeros(500, np.int64),
-        ("floor-0",) * 500,
-        np.ones(500, bool),
-        ("good",) * 500,
-    )
-    both = data.trajectory_map, data.trajectory_odometry
-    found = quality_of(*both, [0], [4] * 50, states, 0.0, 0.0, data.T_bim_map, data.a_graph, QualitySettings())
-    assert len(found) == 8
-    told = {name: signal_texts(name, vars(signal)) for name, signal in found.items()}
-    assert not any("_" in text for texts in told.values() for text in texts)
-    assert told["walls_per_keyframe"][1:] == ("4", "at least 3")
-    assert told["position_sigma_m"][1:] == ("0.0173 m", "at most 0.2 m")
 
 
 def test_long_runs_in_large_buildings_stay_small() -> None:

@@ -39,7 +39,9 @@ def slam(unconfirmed: float, unseen: float = 2.0) -> SceneGraphSlam:
     return SceneGraphSlam(config=Config(tracking=settings))
 
 
-@pytest.mark.parametrize(("unconfirmed", "part_of_like_room"), [(LIKE / 10 - 0.5, 0), (10.0, 1)])
+@pytest.mark.parametrize(
+    ("unconfirmed", "part_of_like_room"), [(LIKE / 10 - 0.5, 0), pytest.param(10.0, 1, marks=pytest.mark.long)]
+)
 def test_a_place_that_soon_proves_wrong_is_not_believed(unconfirmed: float, part_of_like_room: int) -> None:
     told = fed(slam(unconfirmed), scans(stays=False)).finish().uncertainty
     like, other = [part_of_like_room] * LIKE, [part_of_like_room + 1] * ELSEWHERE

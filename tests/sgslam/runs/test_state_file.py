@@ -40,22 +40,27 @@ def same(a: Any, b: Any) -> bool:
     return type(a) is type(b) and (a == b or (a != a and b != b))
 
 
-@pytest.mark.parametrize(
-    "value",
-    [
-        None, True, -3, 2**70, 0.1, float("inf"), float("nan"), "w1@r2",
-        [], (), {}, set(), {1, 2, 3}, [1, 2.5, None, "x"], [True] * 9, [False, 1, 2, 3, 4, 5],
-        list(range(100)), [0.1 * k for k in range(50)], [2**63 + k for k in range(9)], [None] * 9,
-        [1.0, None, 2.0, None, 3.0, 4.0], [(k, f"w{k}") for k in range(9)], [(0, k, 1) for k in range(9)],
-        [[1], [], [2, 3], [4], [5]], {(1, "frame"): {"a": (1.0, 2.0)}, 3: None},
-        np.eye(4), np.empty((0, 3)), np.arange(5), np.array(2.5), np.array([True, False]), np.float32([1, 2]),
-        [np.full((k, 3), k / 3) for k in range(9)], [np.eye(4)] * 9, [np.eye(3), np.eye(4)] * 4,
-        np.arange(6.0).reshape(2, 3).T,
-        [np.arange(9.0).reshape(3, 3).T, np.eye(3)] * 4, [np.arange(6.0).reshape(2, 3).T, np.eye(3)] * 4,
-        [Place(f"p{k}", np.full(3, k / 7), None if k % 3 else 0.5) for k in range(20)],
-        (Place("a", np.zeros((2, 2))), [Place("b", np.zeros(k)) for k in range(7)]),
-    ],
-)  # fmt: skip
+LEAVES = [None, True, -3, 2**70, 0.1, float("inf"), float("nan"), "w1@r2"]
+EMPTY: list[Any] = [[], (), {}, set(), np.empty((0, 3))]
+LISTS: list[Any] = [
+    [{1, 2, 3}, [1, 2.5, None, "x"], [True] * 9, [False, 1, 2, 3, 4, 5], list(range(100)), [None] * 9],
+    [[0.1 * k for k in range(50)], [2**63 + k for k in range(9)], [1.0, None, 2.0, None, 3.0, 4.0]],
+    [[(k, f"w{k}") for k in range(9)], [(0, k, 1) for k in range(9)], [[1], [], [2, 3], [4], [5]]],
+    {(1, "frame"): {"a": (1.0, 2.0)}, 3: None},
+]
+ARRAYS = [np.eye(4), np.arange(5), np.array(2.5), np.array([True, False]), np.float32([1, 2])]
+BATCHES: list[Any] = [
+    [np.arange(6.0).reshape(2, 3).T, np.eye(3)] * 4,
+    [np.arange(9.0).reshape(3, 3).T, np.eye(3)] * 4,
+    [[np.full((k, 3), k / 3) for k in range(9)], [np.eye(4)] * 9, [np.eye(3), np.eye(4)] * 4],
+]
+PLACES: list[Any] = [
+    [Place(f"p{k}", np.full(3, k / 7), None if k % 3 else 0.5) for k in range(20)],
+    (Place("a", np.zeros((2, 2))), [Place("b", np.zeros(k)) for k in range(7)]),
+]
+
+
+@pytest.mark.parametrize("value", [LEAVES, *LEAVES, EMPTY, *LISTS, ARRAYS, *BATCHES, *PLACES])
 def test_a_tree_comes_back_as_it_was(tmp_path: Path, value: Any) -> None:
     assert same(there_and_back(tmp_path, value), value)
 
