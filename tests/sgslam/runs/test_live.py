@@ -33,7 +33,7 @@ PART = 150  # scans of the small drive, after which it is anchored
 FILES = ("trajectory.tum", "trajectory_map.tum", "trajectory_odometry.tum", "s_graph.json", "deviations.json")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_steps_of_a_tracker_elsewhere_give_the_map_of_the_scans_themselves() -> None:
     """Also where the sensor is carried elsewhere; the steps are those that another process gets."""
     tracker, apart, whole = RunTracker(Config()), SceneGraphSlam(), SceneGraphSlam()

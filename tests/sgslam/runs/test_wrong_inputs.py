@@ -138,6 +138,7 @@ ANCHOR, LIVE, VIEW = "sgslam.other_slam.anchor", "sgslam.live", "sgslam.cli.view
         (f"{LIVE} scans --topic /points", "--topic /points: a folder has no topics"),
         (f"{LIVE} scans --start 1,2,90", "radians"),
         (f"{LIVE} scans --idle 0", "--idle"),
+        pytest.param(f"{LIVE} scans --bim empty.json", "empty.json", marks=pytest.mark.slow),
         (f"{LIVE} scans --most-waiting 0", "--most-waiting"),
         ("sgslam.cli.inspect_bim nowhere.ifc", "nowhere.ifc"),
         ("sgslam.cli.inspect_bim small.ifc --maps 0", "--maps"),
