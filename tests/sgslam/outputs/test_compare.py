@@ -1,57 +1,52 @@
 """Two runs in one building, compared by their elements."""
 
 import json
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import pytest
+from report_samples import verdict
 
 from data.common.errors import UserError
+from data.scene_graph import WallSurface
 from sgslam.as_built.compare import compare, main
+from sgslam.as_built.elements import Verdict
+
+Told = tuple[Verdict, float | None]
+ABSENT: Told = ("absent", None)
+UNSEEN: Told = ("not seen", None)
 
 
-def _entry(name: str, verdict: str, offset: float | None = None) -> dict[str, Any]:
-    return {
-        "global_id": name, "name": name, "ifc_class": "IfcWall", "storey": "Ground", "verdict": verdict,
-        "offset_m": offset, "sigma_m": None if offset is None else 0.005,
-        "direction": None if offset is None else [1.0, 0.0, 0.0],
-    }  # fmt: skip
-
-
-def _run(path: Path, *entries: dict[str, Any]) -> Path:
+def run_of(path: Path, told: Told, name: str = "w") -> Path:
+    """The folder of a run with one wall."""
     path.mkdir()
-    (path / "elements.json").write_text(json.dumps({"elements": entries}))
+    entry = asdict(verdict(name, name, told[0], WallSurface("s", None, (0.0, 0.0), (1.0, 0.0), 2.0), told[1]))
+    (path / "elements.json").write_text(json.dumps({"elements": [entry]}))
     return path
 
 
 @pytest.mark.parametrize(
     ("old", "new", "change"),
     [
-        (("absent",), ("as planned", 0.0), "built since"),
-        (("absent",), ("absent",), "still absent"),
-        (("as planned", 0.0), ("absent",), "gone since"),
+        (ABSENT, ("as planned", 0.0), "built since"),
+        (ABSENT, ABSENT, "still absent"),
+        (("as planned", 0.0), ABSENT, "gone since"),
         (("as planned", 0.002), ("moved", 0.04), "moved since"),
         (("as planned", 0.029), ("moved", 0.031), None),
-        (("absent",), ("not seen",), None),
-        (("not seen",), ("absent",), None),
+        (ABSENT, UNSEEN, None),
+        (UNSEEN, ABSENT, None),
     ],
 )
-def test_each_change(old: tuple[Any, ...], new: tuple[Any, ...], change: str | None, tmp_path: Path) -> None:
-    runs = _run(tmp_path / "a", _entry("w", *old)), _run(tmp_path / "b", _entry("w", *new))
+def test_each_change_is_in_the_files_beside_the_later_run(
+    old: Told, new: Told, change: str | None, tmp_path: Path
+) -> None:
+    runs = run_of(tmp_path / "a", old), run_of(tmp_path / "b", new)
     assert [row["change"] for row in compare(*runs)] == ([] if change is None else [change])
-
-
-def test_the_files_are_written_beside_the_later_run(tmp_path: Path) -> None:
-    runs = _run(tmp_path / "a", _entry("w", "absent")), _run(tmp_path / "b", _entry("w", "as planned", 0.0))
     assert main([str(run) for run in runs]) == 0
-    assert json.loads((runs[1] / "compare.json").read_text())[0]["after"] == "as planned"
-    assert "built since,w,w,IfcWall" in (runs[1] / "compare.csv").read_text()
+    assert [row["after"] for row in json.loads((runs[1] / "compare.json").read_text())] == [new[0]] * bool(change)
+    assert (f"{change},w,w,IfcWall" in (runs[1] / "compare.csv").read_text()) == bool(change)
 
 
-def test_other_plans_and_runs_without_elements_are_refused(tmp_path: Path) -> None:
-    run = _run(tmp_path / "a", _entry("w", "absent"))
+def test_runs_with_other_plans_are_refused(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="their elements differ"):
-        compare(run, _run(tmp_path / "b", _entry("v", "absent")))
-    (tmp_path / "c").mkdir()
-    with pytest.raises(UserError, match=r"no elements\.json"):
-        compare(run, tmp_path / "c")
+        compare(run_of(tmp_path / "a", ABSENT), run_of(tmp_path / "b", ABSENT, "v"))

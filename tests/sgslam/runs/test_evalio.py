@@ -22,6 +22,7 @@ pytest.importorskip("evalio", reason="evalio is not installed: pip install 'sgsl
 HELPERS = Path(__file__).resolve().parents[2] / "helpers"
 ROOT = HELPERS.parents[1]
 NAME, COUNT = "simulated_drive/small", 100
+CUSTOM = "evalio_drive,sgslam.evalio_pipeline"
 
 
 @pytest.fixture(scope="module")
@@ -29,10 +30,8 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a building and a drive through it, where evalio looks for data."""
     folder = tmp_path_factory.mktemp("evalio")
     building = write_small_ifc(folder / "small.ifc")
-    simulate(
-        building.path, "Ground", folder / NAME, seed=3, min_rooms=3, min_length=20.0, sensor=SENSOR, robot=ROBOT,
-        imu="tactical", effects=("rolling",),
-    )  # fmt: skip
+    way = {"seed": 3, "min_rooms": 3, "min_length": 20.0, "sensor": SENSOR, "robot": ROBOT}
+    simulate(building.path, "Ground", folder / NAME, **way, imu="tactical", effects=("rolling",))
     return folder
 
 
@@ -49,10 +48,8 @@ def known(home: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def evalio(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """What the command `evalio` says."""
-    environment = os.environ | {
-        "PYTHONPATH": os.pathsep.join(map(str, (ROOT, HELPERS))), "EVALIO_DATA": str(folder),
-        "EVALIO_CUSTOM": "evalio_drive,sgslam.evalio_pipeline",
-    }  # fmt: skip
+    paths = os.pathsep.join(map(str, (ROOT, HELPERS)))
+    environment = os.environ | {"PYTHONPATH": paths, "EVALIO_DATA": str(folder), "EVALIO_CUSTOM": CUSTOM}
     line = [sys.executable, "-c", "from evalio.cli import app; app()", *words]
     return subprocess.run(line, cwd=folder, env=environment, capture_output=True, text=True, check=False)
 
@@ -70,15 +67,9 @@ def error_of(folder: Path, name: str) -> tuple[Any, float]:
 
 @pytest.mark.slow
 def test_evalio_runs_our_tracking_beside_its_own(home: Path) -> None:
-    (home / "config.yaml").write_text(
-        json.dumps({
-            "datasets": [{"name": NAME, "length": COUNT}],
-            "pipelines": [
-                "kiss", "sgslam",
-                {"pipeline": "sgslam", "name": "planned", "plan": str(home / "small.ifc"), "use_imu": False},
-            ],
-        })
-    )  # fmt: skip
+    planned = {"pipeline": "sgslam", "name": "planned", "plan": str(home / "small.ifc"), "use_imu": False}
+    config = {"datasets": [{"name": NAME, "length": COUNT}], "pipelines": ["kiss", "sgslam", planned]}
+    (home / "config.yaml").write_text(json.dumps(config))
     done = evalio(home, "run", "-c", "config.yaml")
     assert done.returncode == 0, done.stdout + done.stderr
     errors = {}
