@@ -161,7 +161,7 @@ def test_a_matched_room_has_one_colour_and_lines_lead_to_the_plan(page: Page, sa
     run = FinishedRun(sampled)
     view = FinishedView(page, [run])
     mapped, planned = (
-        sorted(tuple(page[n].color) for n in page.names if n.startswith(f"{start}/rooms/areas/"))
+        sorted(tuple(page[n].color) for n in page.names if n.startswith(f"{start}/rooms/areas"))
         for start in ("/map/floor-0", "/plan/Storey 1")
     )
     assert mapped == planned and len(set(mapped)) > 4
