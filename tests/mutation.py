@@ -40,7 +40,7 @@ TESTS = {  # of each module; what is compiled once must not be compiled for each
         *BUILDING, "tests/anchoring/test_floor_anchoring.py", "tests/anchoring/test_trusted_anchors.py",
     ),
     "sgslam/registration/health.py": ("tests/sgslam/registration/test_health.py",),
-    "sgslam/session/soundness/quality.py": ("tests/outputs/test_quality.py",),
+    "sgslam/session/soundness/quality.py": ("tests/sgslam/outputs/test_quality.py",),
     "matching/search/verification.py": VERDICTS,
     "matching/search/confidence.py": VERDICTS,
     "matching/deformation/verification.py": VERDICTS,

@@ -113,5 +113,3 @@ def lidar_bag(path: Path, kind: str, count: int = 20, topic: str = "/points") ->
     stamps = [START + k * NS // 10 for k in range(count)]
     messages = [(s + 5_000_000, cloud(types, scan_points(k), s, times)) for k, s in enumerate(stamps)]
     return write_bag(path, kind, {topic: messages})
-
-

@@ -49,7 +49,6 @@ def _ends(plane: Array) -> Array:
     return np.array([-plane[3] * plane[:3] + step * along for step in (-2.5, 2.5)])
 
 
-
 class Run:
     """What a robot measured: `truth` are poses in its first sensor's frame, the map."""
 

@@ -1,11 +1,11 @@
-"""Two rooms with a door in the wall between them and a column in each, and what a LiDAR that is carried there sees."""
+"""Two rooms with a door in the wall between them and a column, and what a LiDAR that is carried there sees."""
 
 import numpy as np
+from boxes import triangles_of
 from numpy.typing import NDArray
 
 from data.geometry.raycast import TriangleScene
 from data.plans.elements import PlannedElement
-from data.scene_graph import SceneGraph
 from sgslam.as_built.elements.sightings import View
 
 Floats = NDArray[np.float64]
@@ -16,38 +16,34 @@ HEADING_SIGMA = 0.0009  # rad
 HEIGHT, LINTEL = 2.8, 2.1  # m
 NEAR, FAR = 3.0, 3.2  # m, x of the faces of the wall between the rooms
 JAMBS = (-0.5, 0.5)  # m, y
-COLUMN = (0.6, 1.4)  # x, y of its middle
-SIDE = 0.3  # m
+COLUMN, SIDE = (0.6, 1.4), 0.3  # m, x, y of its middle, and its width
 NEAR_ROOM: Places = tuple((x, y) for x in (-1.5, 0.0, 1.5) for y in (-2.0, -0.7, 0.7, 2.3))
 FAR_ROOM: Places = tuple((x, y) for x in (4.4, 5.5, 6.6) for y in (-1.7, 0.0, 1.7))
 BOTH = NEAR_ROOM + FAR_ROOM
-PLAN = SceneGraph("bim", (), (), (), ())
-SHARED, TOLERANCE = 0.004, 0.01  # m
 
 
 def box(low: Corner, high: Corner) -> Floats:
     """(12, 3, 3) the triangles of a cuboid."""
-    corners = np.array([[(low, high)[i >> k & 1][k] for k in range(3)] for i in range(8)])
-    quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
-    return np.array([corners[[q[0], q[i], q[i + 1]]] for q in quads for i in (1, 2)])
+    return triangles_of([(*low, *high)])
 
 
 def wall_with_door(along: float = 0.0, across: float = 0.0) -> Floats:
     """The wall between the rooms, with its door displaced along it, and the whole displaced across."""
     start, end = (jamb + along for jamb in JAMBS)
     low, high = NEAR + across, FAR + across
-    parts = (
-        box((low, -3.0, 0.0), (high, start, HEIGHT)), box((low, end, 0.0), (high, 3.0, HEIGHT)),
-        box((low, start, LINTEL), (high, end, HEIGHT)),
-    )  # fmt: skip
-    return np.concatenate(parts)
+    return triangles_of(
+        [
+            (low, -3.0, 0.0, high, start, HEIGHT),
+            (low, end, 0.0, high, 3.0, HEIGHT),
+            (low, start, LINTEL, high, end, HEIGHT),
+        ]
+    )
 
 
 def column(x: float = 0.0, y: float = 0.0) -> Floats:
     """The column, displaced by so much."""
-    middle = COLUMN[0] + x, COLUMN[1] + y
-    low, high = ([c + sign * SIDE / 2 for c in middle] for sign in (-1, 1))
-    return box((low[0], low[1], 0.0), (high[0], high[1], HEIGHT))
+    low, high = (np.add(COLUMN, [x, y]) + sign * SIDE / 2 for sign in (-1, 1))
+    return box((*low, 0.0), (*high, HEIGHT))
 
 
 def leaf(set_back: float = 0.0, degrees: float = 0.0) -> Floats:
@@ -59,14 +55,20 @@ def leaf(set_back: float = 0.0, degrees: float = 0.0) -> Floats:
 
 
 FILLED = box((NEAR, JAMBS[0], 0.0), (FAR, JAMBS[1], LINTEL))
-SHELL = np.concatenate([
-    box((-3.2, -3.2, 0.0), (-3.0, 3.2, HEIGHT)), box((8.0, -3.2, 0.0), (8.2, 3.2, HEIGHT)),
-    box((-3.2, -3.2, 0.0), (8.2, -3.0, HEIGHT)), box((-3.2, 3.0, 0.0), (8.2, 3.2, HEIGHT)),
-    box((-3.2, -3.2, -0.2), (8.2, 3.2, 0.0)), box((-3.2, -3.2, HEIGHT), (8.2, 3.2, HEIGHT + 0.2)),
-])  # fmt: skip
+_LOW, _HIGH = (-3.2, -3.2, -0.2), (8.2, 3.2, HEIGHT + 0.2)
+SHELL = np.concatenate(
+    [  # four walls, floor, ceiling
+        box(
+            tuple(_HIGH[k] - 0.2 if k == axis and upper else _LOW[k] for k in range(3)),
+            tuple(_LOW[k] + 0.2 if k == axis and not upper else _HIGH[k] for k in range(3)),
+        )
+        for axis in range(3)
+        for upper in (False, True)
+    ]
+)
 
 
-def views_of(*built: Floats, places: Places = NEAR_ROOM + FAR_ROOM) -> list[View]:
+def views_of(*built: Floats, places: Places = BOTH) -> list[View]:
     """One from each place (x, y) of what stands, thinned to a point in each voxel of 0.1 m, with errors of its pose."""
     scene, rng = TriangleScene(np.concatenate(built)), np.random.default_rng(0)
     return [_view(scene, place, rng) for place in places]
@@ -92,9 +94,8 @@ def planned(set_back: float | None = None) -> list[PlannedElement]:
     """Wall, shell, column and door, whose leaf is planned so far behind the near face."""
     body = box((NEAR - 0.05, JAMBS[0], 0.0), (FAR + 0.05, JAMBS[1], LINTEL))
     filling = None if set_back is None else leaf(set_back)
+    solids = [("wall", "IfcWall", wall_with_door()), ("shell", "IfcWall", SHELL), ("column", "IfcColumn", column())]
     return [
-        PlannedElement("wall", "IfcWall", "", "", "solid", wall_with_door()),
-        PlannedElement("shell", "IfcWall", "", "", "solid", SHELL),
-        PlannedElement("column", "IfcColumn", "", "", "solid", column()),
+        *(PlannedElement(name, kind, "", "", "solid", triangles) for name, kind, triangles in solids),
         PlannedElement("door", "IfcDoor", "", "", "opening", body, wall="wall", filling=filling),
     ]

@@ -1,0 +1,192 @@
+"""Verdicts on single walls, from rays cast in scenes in which the truth is known, and the tables of them."""
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from report_samples import verdict
+from two_rooms_seen import Floats, box
+
+from data.common.errors import UserError
+from data.geometry.raycast import TriangleScene
+from data.plans.elements import PlannedElement
+from data.scene_graph import SceneGraph, WallSurface
+from sgslam.as_built.agreement import agreed
+from sgslam.as_built.deviation_entries import Deviation
+from sgslam.as_built.elements import ElementVerdict, Verdict, element_verdicts
+from sgslam.as_built.elements.files import PICTURES, picture_of, write_elements
+from sgslam.as_built.elements.sightings import View
+from sgslam.as_built.elements.tolerance_classes import angle_compliance, angle_limit, loa_class, parse_length
+
+WALL = box((3.0, -3.0, 0.0), (3.2, 3.0, 2.6))
+FAR = box((6.0, -9.0, 0.0), (6.2, 9.0, 2.6))  # behind the wall
+BODIES = {"wall": WALL, "far": FAR, "hidden": box((9.0, -3.0, 0.0), (9.2, 3.0, 2.6))}  # by the far wall
+ELEMENTS = [PlannedElement(name, "IfcWall", name, "", "solid", body) for name, body in BODIES.items()]
+
+
+def views_of(*built: Floats, count: int = 6) -> list[View]:
+    """Views from x = 0 of what stands, with 8 mm of noise."""
+    scene, rng = TriangleScene(np.concatenate(built)), np.random.default_rng(0)
+    y, z = np.meshgrid(np.linspace(-1.0, 1.0, 80), np.linspace(-0.3, 0.4, 16))
+    rays = np.column_stack([np.ones(y.size), y.ravel(), z.ravel()])
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    views = []
+    for k in range(count):
+        T = np.eye(4)
+        T[:3, 3] = 0.0, 0.3 * k - 0.75, 1.2
+        ranges = scene.distances(T[:3, 3], rays)
+        met = np.isfinite(ranges)
+        ranges = ranges[met] + rng.normal(0.0, 0.008, met.sum())
+        views.append(View((ranges[:, None] * rays[met]).astype(np.float32), T, 0.002, 0.0005))
+    return views
+
+
+def judged(views: list[View], tolerance: float = 0.01) -> dict[str, ElementVerdict]:
+    return {own.global_id: own for own in element_verdicts(ELEMENTS, views, SceneGraph("bim"), tolerance, 0.004)}
+
+
+def wall(views: list[View], tolerance: float = 0.01) -> ElementVerdict:
+    return judged(views, tolerance)["wall"]
+
+
+@pytest.mark.parametrize("shift", [0.2, -0.03, 0.03])
+def test_a_wall_that_stands_elsewhere_is_moved_by_what_it_is_moved(shift: float) -> None:
+    found = wall(views_of(np.add(WALL, [shift, 0.0, 0.0]), FAR))
+    assert found.verdict == "moved" and found.conclusive
+    assert found.offset_m is not None and found.direction is not None
+    assert found.offset_m * found.direction[0] == pytest.approx(shift, abs=0.006)
+
+
+@pytest.mark.parametrize(
+    ("shift", "sigma", "tolerance", "told", "conclusive"),
+    [
+        (0.0, 0.002, 0.01, "as planned", True),
+        (0.03, 0.002, 0.05, "as planned", True),
+        (0.03, 0.02, 0.01, "uncertain", False),
+        (0.0, 0.02, 0.01, "uncertain", False),
+        (0.015, 0.006, 0.01, "moved", False),
+        (0.006, 0.006, 0.01, "as planned", False),
+        (0.1, 0.02, 0.01, "moved", True),
+    ],
+)
+def test_the_likelier_side_of_the_tolerance_is_told_and_whether_it_is_sure(
+    shift: float, sigma: float, tolerance: float, told: str, conclusive: bool
+) -> None:
+    views = [replace(view, sigma=sigma) for view in views_of(np.add(WALL, [shift, 0.0, 0.0]), FAR)]
+    found = wall(views, tolerance)
+    assert (found.verdict, found.conclusive) == (told, conclusive)
+
+
+def test_seen_through_is_absent_and_hidden_is_not_seen() -> None:
+    assert wall(views_of(FAR)).verdict == "absent"
+    hidden = judged(views_of(WALL, FAR))["hidden"]
+    assert hidden.verdict == "not seen" and hidden.loa is None
+    assert wall(views_of(FAR, count=2)).verdict == "not seen"
+
+
+@pytest.mark.parametrize(("nearest", "furthest"), [(0.05, 0.14), (-1.5, -0.45)])
+def test_a_wall_that_no_ray_passes_is_not_absent(nearest: float, furthest: float) -> None:
+    """What is met lies centimetres behind it, where its end is embedded in others, or well before it."""
+    views = []
+    for k, view in enumerate(views_of(WALL, FAR)):
+        ranges = np.linalg.norm(view.points, axis=1, keepdims=True)
+        behind = np.random.default_rng(k).uniform(nearest, furthest, ranges.shape)
+        views.append(replace(view, points=(view.points * (1 + behind / ranges)).astype(np.float32)))
+    assert wall(views).verdict in ("uncertain", "not seen", "moved")
+
+
+def test_what_stands_before_a_wall_does_not_move_it() -> None:
+    shelf = box((2.8, -1.0, 0.0), (2.9, 1.0, 1.6))
+    assert wall(views_of(WALL, shelf, FAR)).verdict == "as planned"
+    whole = box((2.8, -3.0, 0.0), (2.9, 3.0, 2.6))
+    assert wall(views_of(WALL, whole, FAR)).verdict != "moved"
+
+
+@pytest.mark.parametrize(("half_width", "told"), [(0.4, "moved"), (0.8, "uncertain")])
+def test_of_what_is_mostly_hidden_a_small_part_does_not_say_that_it_is_moved(half_width: float, told: str) -> None:
+    """A screen in the middle of the room, before a wall that is 3 cm off; the rays spread over 1 m to either side."""
+    screen = box((1.0, -2.0, 0.0), (1.1, half_width, 2.6))
+    assert wall(views_of(WALL + np.array([-0.03, 0.0, 0.0]), screen, FAR)).verdict == told
+
+
+def test_the_files_have_a_row_for_each_element(tmp_path: Path) -> None:
+    verdicts = list(judged(views_of(WALL, FAR)).values())
+    verdicts[0] = replace(verdicts[0], name="=1+1")
+    (tmp_path / PICTURES).mkdir()
+    (tmp_path / picture_of("far")).write_bytes(b"png")
+    assert Path(picture_of("../x")).parts == (PICTURES, "___x.png")
+    write_elements(tmp_path, verdicts, 0.01)
+    rows = list(csv.DictReader((tmp_path / "elements.csv").open()))
+    assert [row["GlobalId"] for row in rows] == [*BODIES] and rows[0]["name"] == "'=1+1"  # no formula
+    assert [row["picture"] for row in rows] == ["", picture_of("far"), ""]
+    told = json.loads((tmp_path / "elements.json").read_text())
+    assert told["counts"]["not seen"] == 1
+    assert sorted(map(tuple, told["elements"][0]["outline"])) == [(3.0, -3.0), (3.0, 3.0), (3.2, -3.0), (3.2, 3.0)]
+    assert rows[0]["direction (x y z)"] == "1.000 0.000 0.000" and rows[2]["direction (x y z)"] == ""
+    assert rows[0]["LOA"] == told["elements"][0]["loa"] == "LOA30" and rows[0]["DIN 18202 limit (m)"] == "0.012"
+    openpyxl = pytest.importorskip("openpyxl", reason="the extra [office] is not installed")
+    sheet = openpyxl.load_workbook(tmp_path / "elements.xlsx").active
+    assert sheet.max_row == 4 and {"as planned", "LOA30"} <= {cell.value for cell in sheet[2]}
+    assert [bool(row[-1].hyperlink) for row in sheet] == [False, False, True, False]
+
+
+@pytest.mark.parametrize("text", ["15mm", "0.015", "15 mm", "1.5cm", "0.015 m"])
+def test_a_tolerance_is_a_length(text: str) -> None:
+    assert parse_length(text) == pytest.approx(0.015)
+
+
+@pytest.mark.parametrize("text", ["15", "-1mm", "0", "mm", "15 inches", "nan", "1,5cm", "0.9mm", "201mm"])
+def test_another_tolerance_is_refused(text: str) -> None:
+    with pytest.raises(UserError, match="--tolerance"):
+        parse_length(text)
+
+
+def test_limits_of_the_classes_are_those_of_their_standards() -> None:
+    """USIBD's ranges end at 1, 5, 15 and 50 mm at 95 %; limits of DIN 18202 grow with the length."""
+    sigmas = (0.0005, 0.0025, 0.0026, 0.0075, 0.025, 0.026)
+    assert [loa_class(sigma)[-2:] for sigma in sigmas] == ["50", "40", "30", "30", "20", "10"]
+    lengths, limits = (0.4, 1.0, 2.9, 4.0, 15.0, 30.0, 31.0), [0.003, 0.006, 0.008, 0.012, 0.016, 0.020, 0.030]
+    assert [angle_limit(metres) for metres in lengths] == limits
+    kept = ["kept", "exceeded", "uncertain", "uncertain"]
+    assert [angle_compliance(d, 0.003, 0.012) for d in (0.0, -0.02, 0.011, -0.017)] == kept
+    off = views_of(np.add(WALL, [0.03, 0.0, 0.0]), FAR)  # of the measurement, not of the offset
+    assert [wall(own).loa for own in (off, [replace(view, sigma=0.02) for view in off])] == ["LOA30", "LOA20"]
+
+
+@pytest.mark.parametrize("angle", [0.01, -0.01])
+def test_a_turned_wall_breaks_the_limit_for_its_length(angle: float) -> None:
+    """6 m, turned by 10 mrad: its ends lie 60 mm apart across, of which DIN 18202 allows 12."""
+    c, s = np.cos(angle), np.sin(angle)
+    turned = (WALL - [3.1, 0.0, 0.0]) @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + [3.1, 0.0, 0.0]
+    views = views_of(turned, FAR)
+    found = wall(views)
+    assert found.turn_rad is not None and found.turn_sigma_rad is not None
+    assert found.turn_rad == pytest.approx(angle, abs=2 * found.turn_sigma_rad)
+    assert (found.din_18202, found.din_18202_limit_m) == ("exceeded", 0.012)
+    loose = [replace(view, sigma_heading=0.01) for view in views]  # headings that could make the turn
+    assert wall(loose).din_18202 == "uncertain"
+    lost = wall([replace(view, sigma_heading=np.inf) for view in views])
+    assert lost.turn_rad is None and lost.verdict == wall(loose).verdict
+
+
+def test_only_walls_have_a_limit() -> None:
+    slab = [replace(element, ifc_class="IfcSlab") for element in ELEMENTS]
+    found = element_verdicts(slab, views_of(WALL, FAR), SceneGraph("bim"), 0.01, 0.004)[0]
+    assert found.verdict == "as planned" and found.din_18202 is None and found.din_18202_limit_m is None
+
+
+def deviation(source: str, kind: str, significant: bool = True) -> Deviation:
+    told = {"s_id": "s", "a_id": "a", "source": source, "kind": kind, "significant": significant, "reason": "seen"}
+    return told | {"offset_m": 0.39, "tilt_rad": 0.0, "sigma_m": 0.01}  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize("told", ["as planned", "moved", "uncertain", "absent", "not seen"])
+def test_a_wall_that_stands_as_planned_is_not_significantly_moved(told: Verdict) -> None:
+    whole = verdict("w1", "Wall", told, WallSurface("s", None, (0.0, 0.0), (1.0, 0.0), 2.0))
+    (own,) = agreed([deviation("w1", "moved")], [whole])
+    assert own["significant"] is (told != "as planned") and own["offset_m"] == 0.39
+    others = [deviation("w1", "moved", False), deviation("w2", "moved"), deviation("w1", "absent")]
+    assert agreed(others, [whole]) == others and agreed(others, []) == others

@@ -1,0 +1,168 @@
+"""What another SLAM system left behind is anchored to the plan, in every form that is read."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from boxes import pose
+from commands import called
+from drives import off, small_drive
+from g2o_files import drawn_graph
+from shared_runs import write_scans
+from slam_outputs import SlamOutput, slam_output, write_poses
+from small_ifc import write_small_ifc
+
+from data.geometry.poses import xyzquat_to_poses
+from data.scans.ply import write_ply
+from data.trajectory import Trajectory
+from sgslam.cli.job.scan_loop import Interruption
+
+pytestmark = pytest.mark.slow
+COMMAND = "sgslam.other_slam.anchor"
+EXACT = "odometry.given=exact"  # poses as they are
+Words = list[Path | str]
+
+
+@pytest.fixture(scope="module")
+def building(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("building") / "small.ifc"
+    return write_small_ifc(path, site=(3000.0, -2000.0, 40.0), yaw=0.5, elevation=3.0).path
+
+
+def anchored(building: Path, out: Path, *words: object) -> dict[str, object]:
+    """What metrics.json says of the call."""
+    done = called(COMMAND, *words, "--bim", building, "--out", out)
+    assert done.returncode == 0, done.stderr
+    metrics = json.loads((out / "metrics.json").read_text())
+    assert metrics["anchored"], metrics["reason"]
+    return dict(metrics)
+
+
+def rmse(path: Path) -> float:
+    """Metres in the BIM frame, no alignment, of the poses that the command wrote."""
+    apart = off(Trajectory.read_tum(path), small_drive().truth)
+    return float(np.sqrt(np.mean(np.sum(apart**2, axis=1))))
+
+
+def clouds_of(output: SlamOutput, folder: Path) -> Path:
+    """The keyframes' clouds, with their stamps."""
+    clouds = output.write_clouds(folder / "clouds")
+    (clouds / "times.txt").write_text("".join(f"{stamp / 1e9:.9f}\n" for stamp in output.keyframes.stamps_ns))
+    return clouds
+
+
+def keyframes(form: str) -> Callable[[SlamOutput, Path], Words]:
+    """Poses with a cloud each."""
+    return lambda output, folder: [
+        *write_poses(output.keyframes, folder, form),
+        "--scans",
+        output.write_clouds(folder / "clouds"),
+    ]
+
+
+def all_poses(output: SlamOutput, folder: Path) -> Words:
+    return [*write_poses(output.poses, folder, "tum"), "--scans", clouds_of(output, folder)]
+
+
+def one_map(output: SlamOutput, folder: Path) -> Words:
+    """It is given back to the poses that saw it."""
+    write_ply(folder / "map.ply", output.map())
+    return [*write_poses(output.poses, folder, "tum"), "--cloud", folder / "map.ply"]
+
+
+DRIFTED = (0.0005, 0.001)  # 28 cm and 7 degrees off at its end
+FORMS: dict[str, tuple[Callable[[SlamOutput, Path], Words], tuple[float, ...], float, str, str]] = {
+    "kitti": (keyframes("kitti"), DRIFTED, 0.02, "trajectory", "keyframes"),
+    "euroc": (keyframes("euroc"), DRIFTED, 0.02, "trajectory", "keyframes"),
+    "all poses, some clouds": (all_poses, DRIFTED, 0.03, "trajectory_all", "poses"),
+    "a map": (one_map, (), 0.04, "trajectory_all", "poses"),
+    "KISS-SLAM": (
+        lambda output, folder: [output.write_kiss_slam(folder / "kiss")],
+        (),
+        0.04,
+        "trajectory_all",
+        "keyframes",
+    ),
+    "GLIM": (lambda output, folder: [output.write_glim(folder / "dump")], (), 0.04, "trajectory_all", "poses"),
+    "g2o": (
+        lambda output, folder: [output.write_g2o(folder / "graph.g2o"), "--scans", clouds_of(output, folder)],
+        DRIFTED,
+        0.02,
+        "trajectory",
+        "keyframes",
+    ),
+}
+
+
+LONG = ("euroc", "all poses, some clouds")
+
+
+@pytest.mark.parametrize(
+    "form", [pytest.param(form, marks=pytest.mark.long) if form in LONG else form for form in FORMS]
+)
+def test_each_form_is_anchored(form: str, building: Path, tmp_path: Path) -> None:
+    """To so many metres, all poses or those of keyframes."""
+    words, drift, within, name, which = FORMS[form]
+    output = slam_output(*drift)
+    anchored(building, tmp_path / "out", *words(output, tmp_path), "--single-pass")
+    written = tmp_path / f"out/{name}.tum"
+    assert rmse(written) < within and (tmp_path / "out/report.html").is_file()
+    assert len(Trajectory.read_tum(written)) == len(getattr(output, which))
+
+
+@pytest.mark.long
+def test_scans_of_a_whole_drive_are_registered_again(building: Path, tmp_path: Path) -> None:
+    told = [*write_poses(slam_output(0.0005, 0.01).poses, tmp_path, "tum"), "--scans", write_scans(tmp_path / "scans")]
+    anchored(building, tmp_path / "single", *told, "--single-pass", "--set", EXACT)
+    anchored(building, tmp_path / "again", *told, "--set", EXACT)
+    single, again = (rmse(tmp_path / name / "trajectory.tum") for name in ("single", "again"))
+    assert again < 0.02 and again < single / 2
+    assert (tmp_path / "again/trajectory_live.tum").is_file()
+
+
+@pytest.mark.long
+def test_scans_of_a_whole_drive_put_poses_right_that_jitter(building: Path, tmp_path: Path) -> None:
+    poses, rng = slam_output(0.0005).poses, np.random.default_rng(1)
+    jitter = [pose(*rng.normal(0.0, 0.04, 3), *rng.normal(0.0, 0.015, 3)) for _ in poses.poses]
+    given = write_poses(Trajectory(poses.stamps_ns, poses.poses @ jitter), tmp_path, "tum")
+    told = [*given, "--scans", write_scans(tmp_path / "scans"), "--single-pass"]
+    anchored(building, tmp_path / "measured", *told)
+    assert rmse(tmp_path / "measured/trajectory.tum") < 0.02
+    done = called(COMMAND, *told, "--set", EXACT, "--bim", building, "--out", tmp_path / "exact")
+    assert done.returncode == 0, done.stderr
+    metrics = json.loads((tmp_path / "exact/metrics.json").read_text())
+    assert not metrics["anchored"] or rmse(tmp_path / "exact/trajectory.tum") > 0.04
+
+
+def test_what_was_interrupted_is_continued_to_the_same_end(
+    building: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """KISS-SLAM's poses with scans instead of its own maps."""
+    output = slam_output()
+    told = [output.write_kiss_slam(tmp_path / "kiss"), "--scans", output.write_clouds(tmp_path / "clouds")]
+    anchored(building, tmp_path / "whole", *told)
+    assert rmse(tmp_path / "whole/trajectory.tum") < 0.02
+    with monkeypatch.context() as patch:
+        asked = iter([False] * 30)  # once a scan
+        patch.setattr(Interruption, "__bool__", lambda self: next(asked, True))
+        done = called(COMMAND, *told, "--bim", building, "--out", tmp_path / "out")
+    assert done.returncode == 2 and "interrupted after" in done.stderr, done.stderr
+    done = called("sgslam.run", "--resume", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    for name in ("trajectory.tum", "trajectory_all.tum"):
+        assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+
+
+def test_a_graph_of_s_graphs_is_anchored_by_its_planes_or_not_at_all(building: Path, tmp_path: Path) -> None:
+    drawn = drawn_graph()
+    graph, plan = drawn.write(tmp_path)
+    assert anchored(plan, tmp_path / "out", graph)["keyframes"] == len(drawn.keyframes)
+    rows = np.loadtxt(tmp_path / "out/keyframes.txt")
+    found = dict(zip(rows[:, 0].astype(int).tolist(), xyzquat_to_poses(rows[:, 1:]), strict=True))
+    errors = [np.linalg.norm((found[i] - true)[:2, 3]) for i, true in drawn.keyframes.items()]
+    assert max(errors) < 0.01
+    done = called(COMMAND, graph, "--bim", building, "--out", tmp_path / "elsewhere", "--strict")
+    assert done.returncode == 3 and not (tmp_path / "elsewhere/keyframes.txt").exists()
+    assert not json.loads((tmp_path / "elsewhere/metrics.json").read_text())["anchored"]

@@ -1,0 +1,119 @@
+"""A run that was broken off goes on as if it had not been."""
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from time import sleep
+
+import numpy as np
+import pytest
+from commands import called, refused
+from drives import fed, small_drive, small_run
+from shared_runs import write_scans
+
+from data.common.errors import UserError
+from data.trajectory import Trajectory
+from sgslam.session import Checkpoints
+from sgslam.session.checkpoints import FILE, about_run, load
+from sgslam.slam import SceneGraphSlam
+
+pytestmark = pytest.mark.slow
+PART = 150  # scans
+
+
+@pytest.mark.parametrize(
+    "after", [pytest.param(1, marks=pytest.mark.long), 60, pytest.param(-1, marks=pytest.mark.long)]
+)
+def test_a_run_goes_on_bit_by_bit(after: int, tmp_path: Path) -> None:
+    drive, whole = small_drive(), small_run(with_bim=True)[1]
+    first = fed(SceneGraphSlam(drive.bim), drive.scans[:after])
+    assert Checkpoints(tmp_path, {}).write(first, {"fed": after})
+    second = SceneGraphSlam(drive.bim, clouds=first.clouds)
+    assert load(tmp_path, second) == {"fed": after}
+    result = fed(second, drive.scans[after:]).finish()
+    assert np.array_equal(result.trajectory.poses, whole.trajectory.poses)
+    assert np.array_equal(result.trajectory_odometry.poses, whole.trajectory_odometry.poses)
+    assert result.s_graph == whole.s_graph and result.deviations == whole.deviations
+    assert result.anchors == whole.anchors and result.factors.events == whole.factors.events
+    assert {**(result.matches or {}), "seconds": 0} == {**(whole.matches or {}), "seconds": 0}
+
+
+def test_a_state_of_an_unlike_run_is_refused(tmp_path: Path) -> None:
+    drive = small_drive()
+    Checkpoints(tmp_path, {}).write(fed(SceneGraphSlam(), drive.scans[:20]), {})
+    with pytest.raises(UserError, match="different run"):
+        load(tmp_path, SceneGraphSlam(drive.bim))
+    with pytest.raises(UserError, match="no run state"):
+        load(tmp_path / "elsewhere", SceneGraphSlam())
+
+
+def begun(*arguments: str | Path, before: str = "") -> subprocess.Popen[str]:
+    """`sgslam.run`, which writes its state after every scan."""
+    often = "import sgslam.session.checkpoints as c; c.SHARE = 1e9; from sgslam.run import *; "
+    command = [sys.executable, "-c", f"{often}{before}run_command(main)", *map(str, arguments)]
+    return subprocess.Popen(command, text=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+
+
+def come_to(process: subprocess.Popen[str], out: Path, keyframes: int) -> None:
+    while process.poll() is None:
+        if (out / FILE).is_file() and about_run(out)["keyframes"] >= keyframes:
+            return
+        sleep(0.01)
+    raise AssertionError("it was done before")
+
+
+@pytest.mark.long
+def test_a_command_that_was_killed_or_interrupted_is_continued_to_the_same_files(tmp_path: Path) -> None:
+    out, whole, plan = tmp_path / "out", tmp_path / "whole", tmp_path / "a_graph.json"
+    small_drive().bim.graph.save(plan)
+    scans = write_scans(tmp_path / "scans", PART)
+    told = ("--scan-dir", scans, "--bim", plan, "--set", "matching.method=voting")
+    process = begun(*told, "--out", out)
+    come_to(process, out, 5)
+    process.kill()
+    process.communicate()
+    refuses_what_does_not_go_with_it(scans, plan, out, tmp_path)
+    process = begun("--resume", out)
+    come_to(process, out, 12)
+    process.send_signal(signal.SIGINT)  # what was computed is there, and a line says how to go on
+    said = process.communicate()[1].splitlines()
+    assert process.returncode == 2 and f"--resume {out}" in said[-1]
+    assert len(Trajectory.read_tum(out / "trajectory.tum")) < PART
+    for number in (signal.SIGINT, signal.SIGKILL):  # in a second pass that never ends
+        waits = f"lambda *_: (open({str(tmp_path / number.name)!r}, 'w').close(), time.sleep(1000))"
+        process = begun("--resume", out, before=f"import sgslam.session.second_pass as p, time; p.smoothed = {waits}; ")
+        while not (tmp_path / number.name).is_file():
+            assert process.poll() is None
+            sleep(0.01)
+        process.send_signal(number)
+        process.communicate()
+        assert process.returncode == (2 if number == signal.SIGINT else -signal.SIGKILL)
+    assert not about_run(out).get("finished")
+    assert begun("--resume", out).wait() == called("sgslam.run", *told, "--out", whole).returncode == 0
+    assert len(Trajectory.read_tum(out / "trajectory.tum")) == PART
+    names = ("trajectory.tum", "trajectory_live.tum", "trajectory_odometry.tum", "s_graph.json", "deviations.json")
+    for name in (*names, "pose_graph.g2o"):
+        assert (out / name).read_bytes() == (whole / name).read_bytes(), name
+    matches = [json.loads((folder / "matches.json").read_text()) for folder in (out, whole)]
+    assert {**matches[0], "seconds": 0} == {**matches[1], "seconds": 0}
+    assert "finished" in refused("sgslam.run", "--resume", out)
+
+
+def refuses_what_does_not_go_with_it(scans: Path, plan: Path, out: Path, folder: Path) -> None:
+    words = ("sgslam.run", "--resume", out)
+    assert "voxel_size" in refused(*words, "--set", "odometry.voxel_size=0.5", "--set", "matching.method=voting")
+    shutil.copytree(scans, folder / "fewer")
+    (folder / "fewer/000003.npy").unlink()
+    (folder / "fewer/times.txt").write_text("".join((scans / "times.txt").read_text().splitlines(True)[1:]))
+    assert "other scans" in refused(*words, "--scan-dir", folder / "fewer")
+    graph = json.loads(plan.read_text())
+    graph["wall_surfaces"].pop()
+    (folder / "other.json").write_text(json.dumps(graph))
+    assert "another building" in refused(*words, "--bim", folder / "other.json")
+    whole = (out / FILE).read_bytes()
+    (out / FILE).write_bytes(whole[:-3000])
+    assert str(out / FILE) in refused(*words)
+    (out / FILE).write_bytes(whole)
