@@ -15,7 +15,7 @@ from evaluation.published.one_wall_out import Choice, Distances, Map, cases, mea
 from matching import Matcher
 from sgslam.backend import anchor_plane_graph
 
-SE2 = Path(__file__).parents[3] / "shared/data/slam_graphs"
+SE2 = Path(__file__).parents[4] / "shared/data/slam_graphs"
 needs_se2 = pytest.mark.skipif(not (SE2 / "SE2_s_graph.g2o").exists(), reason=f"{SE2}/SE2_s_graph.g2o is not there")
 
 
