@@ -5,10 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_free_space_conflict import a_room, graph
+from plans import a_graph, box, merged
 
 from data import Floor, SceneGraph, WallSurface
 from data.geometry import se2
+from data.scene_graph.motion import moved
 from matching import MatchResult
 from matching.protocol import Match
 from matching.result import Hypothesis
@@ -23,48 +24,52 @@ from sgslam.anchoring.place_verification import (
 )
 from sgslam.config import AnchorSettings
 
-OFFICE, HALL, LAB = a_room("office", 0, 0, 4, 3), a_room("hall", 4.1, 0, 7, 3), a_room("lab", 30, 0, 4, 3)
-AULA = a_room("aula", 34.1, 0, 7, 5)  # beside the lab, as the hall is beside the office, but wider
-KNOWN, SEEN = graph(OFFICE, HALL, LAB, AULA), graph(OFFICE, HALL)
-HERE, IN_THE_LAB = (0.0, 0.0, 0.0), (0.0, 30.0, 0.0)
+OFFICE, HALL = a_graph([box(0, 0, 4, 3)], prefix="office"), a_graph([box(4.1, 0, 7, 3)], prefix="hall")
+# as the office is beside the hall, but that is narrower
+LAB, AULA = a_graph([box(30, 0, 4, 3)], prefix="lab"), a_graph([box(34.1, 0, 7, 5)], prefix="aula")
+KNOWN, SEEN = merged(OFFICE, HALL, LAB, AULA), merged(OFFICE, HALL)
+Place = tuple[float, float, float]
+HERE, IN_THE_LAB, FAR = (0.0, 0.0, 0.0), (0.0, 30.0, 0.0), (0.0, 100.0, 0.0)
 
 
-def answer(*places: tuple[float, tuple[float, float, float]]) -> MatchResult:
+def answer(*places: tuple[float, Place]) -> MatchResult:
     hypotheses = tuple(Hypothesis(score, T, None) for score, T in places)
     return MatchResult("ambiguous", "as a matcher says", T_a_s=places[0][1], hypotheses=hypotheses)
 
 
-def verified(match: MatchResult, s: SceneGraph = SEEN) -> MatchResult:
-    return verified_match(match, s, lambda _: KNOWN, AnchorSettings())
+def verified(match: MatchResult, s: SceneGraph, known: SceneGraph = KNOWN) -> MatchResult:
+    return verified_match(match, s, lambda _: known, AnchorSettings())
 
 
-def test_a_place_in_conflict_with_the_known_map_is_dropped() -> None:
-    found = verified(answer((30.0, IN_THE_LAB), (60.0, HERE)))
-    assert found.status == "unique" and found.T_a_s == HERE
-    assert {(s, a) for s, a, _ in found.wall_surfaces} == {(w.id, w.id) for w in SEEN.wall_surfaces}
+@pytest.mark.parametrize(
+    ("seen", "places", "status"),
+    [
+        (SEEN, [(30.0, IN_THE_LAB), (60.0, HERE)], "unique"),  # the lab is in conflict,
+        (SEEN, [(40.0, IN_THE_LAB), (60.0, HERE)], "ambiguous"),  # but may be so where the map is not known
+        (SEEN, [(70.0, IN_THE_LAB), (60.0, HERE)], "ambiguous"),
+        (SEEN, [(70.0, IN_THE_LAB)], "none"),
+        (SEEN, [(30.0, HERE)], "none"),
+        (OFFICE, [(60.0, HERE), (60.0, IN_THE_LAB)], "ambiguous"),  # one office, where there are two
+        (OFFICE, [(40.0, HERE), (0.0, IN_THE_LAB)], "unique"),
+        (OFFICE, [(39.9, HERE), (0.0, IN_THE_LAB)], "none"),
+        (OFFICE, [(25.0, IN_THE_LAB), (60.0, HERE)], "unique"),
+        (OFFICE, [(25.1, IN_THE_LAB), (60.0, HERE)], "ambiguous"),
+    ],
+)
+def test_places_in_conflict_are_dropped_and_the_best_needs_evidence_and_no_other_one(
+    seen: SceneGraph, places: list[tuple[float, Place]], status: str
+) -> None:
+    found = verified(answer(*places), seen)
+    assert found.status == status
+    walls = {(w.id, w.id) for w in seen.wall_surfaces} if status == "unique" else set()
+    assert found.T_a_s == (HERE if walls else None) and {(s, a) for s, a, _ in found.wall_surfaces} == walls
 
 
-@pytest.mark.parametrize("nats", [40.0, 70.0])
-def test_a_building_that_repeats_itself_may_do_so_where_it_is_not_known(nats: float) -> None:
-    assert verified(answer((nats, IN_THE_LAB), (60.0, HERE))).status == "ambiguous"
-
-
-def test_a_map_of_one_office_stays_ambiguous_where_there_are_two() -> None:
-    assert verified(answer((60.0, HERE), (60.0, IN_THE_LAB)), graph(OFFICE)).status == "ambiguous"
-    assert verified(answer((80.0, HERE), (40.0, IN_THE_LAB)), graph(OFFICE)).status == "ambiguous"  # mapped in part
-    assert verified(answer((80.0, HERE), (15.0, IN_THE_LAB)), graph(OFFICE)).status == "unique"
-
-
-@pytest.mark.parametrize("match", [answer((70.0, IN_THE_LAB)), answer((30.0, HERE)), MatchResult("none", "nothing")])
-def test_a_place_with_conflict_or_little_evidence_is_no_answer(match: MatchResult) -> None:
-    found = verified(match)
-    assert found.status == "none" and found.T_a_s is None and not found.wall_surfaces
-
-
-def test_the_answer_is_the_same_wherever_the_map_lies() -> None:
-    T = (2.1, 30.0, -7.0)  # of the seen map
-    back = se2.inverse(np.array(T)).tolist()
-    found = verified(answer((60.0, (back[0], back[1], back[2]))), graph(OFFICE, HALL, T=T))
+def test_no_place_is_no_answer_and_a_place_is_the_same_wherever_the_map_lies() -> None:
+    assert verified(MatchResult("none", "nothing"), SEEN).status == "none"
+    T = np.array([2.1, 30.0, -7.0])
+    yaw, x, y = se2.inverse(T).tolist()
+    found = verified(answer((60.0, (yaw, x, y))), moved(SEEN, T))
     assert found.status == "unique" and len(found.wall_surfaces) == len(SEEN.wall_surfaces)
 
 
@@ -73,19 +78,19 @@ def unique(*scores: float) -> MatchResult:
 
 
 @pytest.mark.parametrize(
-    ("scores", "clear"),
-    [((60.0, 35.9), True), ((60.0, 36.0), False), ((40.0,), True), ((39.9,), False), ((60.0, 1.0, 36.0), False),
-     ((), False)],
+    ("judge", "scores", "expected"),
+    [
+        (is_clear, (60.0, 35.9), True), (is_clear, (60.0, 36.0), False), (is_clear, (60.0, 1.0, 36.0), False),
+        (is_clear, (40.0,), True), (is_clear, (39.9,), False), (is_clear, (), False),
+        (is_strong, (50.0, 50.0), True), (is_strong, (49.9,), False), (is_strong, (), False),
+        (is_overwhelming, (100.0, 100.0), True), (is_overwhelming, (99.9,), False), (is_overwhelming, (), False),
+    ],
 )  # fmt: skip
-def test_an_answer_is_clear_where_nothing_comes_near_it(scores: tuple[float, ...], clear: bool) -> None:
-    assert is_clear(unique(*scores)) is clear
-    assert not is_clear(replace(unique(*scores), status="ambiguous"))
-
-
-@pytest.mark.parametrize(("judge", "limit"), [(is_strong, 50.0), (is_overwhelming, 100.0)])
-def test_an_answer_is_strong_by_its_evidence(judge: Callable[[Match], bool], limit: float) -> None:
-    assert judge(unique(limit, limit)) and not judge(unique(limit - 0.1)) and not judge(unique())
-    assert not judge(replace(unique(limit), status="ambiguous"))
+def test_an_answer_is_clear_or_strong_by_its_evidence(
+    judge: Callable[[Match], bool], scores: tuple[float, ...], expected: bool
+) -> None:
+    assert judge(unique(*scores)) is expected
+    assert not judge(replace(unique(*scores), status="ambiguous"))
 
 
 @pytest.mark.parametrize(
@@ -98,33 +103,28 @@ def test_a_place_with_some_conflict_needs_a_larger_margin(conflict: float, other
     assert not has_close_alternative(best, [best], conflict)
 
 
-@pytest.mark.parametrize(
-    ("best", "second", "status"),
-    [(40.0, 0.0, "unique"), (39.9, 0.0, "none"), (60.0, 25.0, "unique"), (60.0, 25.1, "ambiguous")],
-)
-def test_a_place_without_conflict_needs_evidence_and_no_other_one(best: float, second: float, status: str) -> None:
-    assert verified(answer((second, IN_THE_LAB), (best, HERE)), graph(OFFICE)).status == status
-
-
 def with_screens(width: float, depth: float, count: int) -> tuple[SceneGraph, SceneGraph]:
     """A hall as it is known, and as it is seen: with so many screens in it, each in conflict by 0.2 m."""
-    hall = a_room("hall", 0, 0, width, depth)
-    screens = [WallSurface(f"s{k}", "hall", (2.0 + 0.3 * k, 4.0), (1.0, 0.0), 0.2) for k in range(count)]
-    return graph(hall), graph((hall[0], [*hall[1], *screens]))
+    hall = a_graph([box(0, 0, width, depth)])
+    screens = [WallSurface(f"s{k}", None, (2.0 + 0.3 * k, 4.0), (1.0, 0.0), 0.2) for k in range(count)]
+    return hall, replace(hall, wall_surfaces=(*hall.wall_surfaces, *screens))
 
 
-# the walls of these halls count once for each map: every 0.2 m, 392, 384 and 396 in all
-@pytest.mark.parametrize(("screens", "status"), [(8, "unique"), (9, "none")])
-def test_a_place_is_accepted_with_a_fiftieth_in_conflict_at_most(screens: int, status: str) -> None:
-    known, seen = with_screens(9.8, 9.8, screens)
-    assert verified_match(answer((60.0, HERE)), seen, lambda _: known, AnchorSettings()).status == status
-
-
-@pytest.mark.parametrize(("screens", "status"), [(4, "unique"), (5, "ambiguous")])
-def test_a_place_is_doubtful_from_a_hundredth_in_conflict_on(screens: int, status: str) -> None:
-    known, seen = with_screens(9.8, 10.0, screens)
-    elsewhere = (30.0, (0.0, 100.0, 0.0))  # half the evidence, in conflict itself
-    assert verified_match(answer((60.0, HERE), elsewhere), seen, lambda _: known, AnchorSettings()).status == status
+# the walls of these halls count once for each map: every 0.2 m, 392, 396 and 384 in all
+@pytest.mark.parametrize(
+    ("size", "screens", "places", "status"),
+    [
+        ((9.8, 9.8), 8, [(60.0, HERE)], "unique"),  # a fiftieth in conflict
+        ((9.8, 9.8), 9, [(60.0, HERE)], "none"),
+        ((9.8, 10.0), 4, [(60.0, HERE), (30.0, FAR)], "unique"),  # a hundredth, beside a place with half the evidence
+        ((9.8, 10.0), 5, [(60.0, HERE), (30.0, FAR)], "ambiguous"),
+    ],
+)
+def test_a_little_conflict_is_accepted_and_a_half_of_that_is_doubtful(
+    size: tuple[float, float], screens: int, places: list[tuple[float, Place]], status: str
+) -> None:
+    known, seen = with_screens(*size, screens)
+    assert verified(answer(*places), seen, known).status == status
 
 
 @pytest.mark.parametrize(("screens", "conflict"), [(16, False), (17, True)])
@@ -141,4 +141,3 @@ def test_heights_of_a_plan_are_above_its_lowest_floor() -> None:
     plan = Plan(replace(KNOWN, floors=floors))
     assert [plan.height(floor) for floor in ("up", "low", "attic", None)] == [3.0, 0.0, None, None]
     assert plan.origin.tolist() == [*KNOWN.centroid().tolist(), 4.0]
-    assert plan.storey(None) is plan.a_graph and plan.storey("up") is plan.storey("up")
