@@ -73,7 +73,9 @@ def test_of_a_map_that_was_cut_again_each_wall_is_as_sure_as_the_worst(mapped: M
 
 @pytest.mark.parametrize(("up", "kept"), [(0.0, True), (0.01, True), (0.5, False)])
 def test_a_place_that_is_raised_off_the_planned_floor_is_not_kept(
-    mapped: Mapped, up: float, kept: bool  # noqa: F811
+    mapped: Mapped,
+    up: float,
+    kept: bool,  # noqa: F811
 ) -> None:
     plan, floors, T_map_local = mapped
     anchoring, _ = anchoring_of(plan)

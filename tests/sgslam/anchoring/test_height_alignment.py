@@ -1,5 +1,7 @@
 """The height of a map in the plan, from floors and ceilings, where some are hidden, raised, or not as planned."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,63 +11,46 @@ from sgslam.anchoring.wall_alignment import AlignedWall
 from sgslam.config import AnchorSettings
 from sgslam.mapping.level_map import Levels
 
-SETTINGS = AnchorSettings()
 FLOOR, CEILING = True, False
 Level = tuple[float, float, bool]  # height in the levelled map, area, side
 
 
-def aligned(found: list[Level], tops: tuple[float, ...] = (2.7,), sensor: float = 1.4) -> HeightAlignment | None:
+def aligned(found: list[Level], tops: tuple[float, ...], sensor: float) -> HeightAlignment | None:
     """The alignment in a storey whose floor is at 3 m, with walls of the given heights above it."""
-    height, area, side = (np.array(values) for values in zip(*found, strict=True))
-    levels = Levels(np.arange(len(found)), height.astype(float), np.zeros((len(found), 2)), area.astype(float), side)
-    walls = []
-    for k, top in enumerate(tops):
-        planned = WallSurface(f"a{k}", None, (0.0, 0.0), (1.0, 0.0), 4.0, height=(3.0, 3.0 + top))
-        walls.append(AlignedWall(WallSurface(f"s{k}", None, (0.0, 0.0), (1.0, 0.0), 4.0), planned, 0.0, True))
-    return align_heights(levels, walls, 3.0, 0.0, sensor, SETTINGS)
+    height, area, side = np.array(found, dtype=float).reshape(-1, 3).T
+    levels = Levels(np.arange(len(found)), height, np.zeros((len(found), 2)), area, side > 0)
+    surface = WallSurface("w", None, (0.0, 0.0), (1.0, 0.0), 4.0)
+    planned = [replace(surface, id=f"a{k}", height=(3.0, 3.0 + top)) for k, top in enumerate(tops)]
+    walls = [AlignedWall(surface, own, 0.0, True) for own in planned]
+    return align_heights(levels, walls, 3.0, 0.0, sensor, AnchorSettings())
 
 
-def test_the_floor_tells_the_height() -> None:
-    found = aligned([(0.0, 500, FLOOR), (2.7, 300, CEILING)])
-    assert found is not None and found.planned == {0: 3.0}
-    assert found.raised == pytest.approx(3.0) and found.sigma == 0.0
+@pytest.mark.parametrize(
+    ("found", "tops", "sensor", "planned", "raised"),
+    [
+        ([(0.0, 500, FLOOR), (2.7, 300, CEILING)], (2.7,), 1.4, {0: 3.0}, 3.0),
+        ([(2.4, 300, CEILING), (1.1, 3, CEILING)], (2.7,), 1.1, {0: 5.7}, 3.3),  # no floor: the map's zero was a guess
+        # a platform that is seen most; a little of the floor is below it, and the ceiling is as planned above that
+        ([(0.0, 3000, FLOOR), (-0.3, 60, FLOOR), (2.4, 2000, CEILING)], (2.7,), 1.4, {1: 3.0}, 3.3),
+        ([(0.0, 3000, FLOOR), (-0.3, 600, FLOOR), (2.4, 2000, CEILING)], (2.7,), 1.4, {1: 3.0}, 3.3),
+        ([(0.0, 800, FLOOR), (2.4, 2000, CEILING)], (3.2,), 1.4, {0: 3.0}, 3.0),  # a suspended ceiling
+        ([(-0.25, 4, FLOOR), (1.7, 400, CEILING)], (2.7,), 0.4, {1: 5.7}, 4.0),  # a table, the floor is hidden
+        ([(2.2, 100, CEILING)], (2.5,), 1.2, {0: 5.5}, 3.3),
+    ],
+)
+def test_the_height_follows_from_the_levels_that_are_as_planned(
+    found: list[Level], tops: tuple[float, ...], sensor: float, planned: dict[int, float], raised: float
+) -> None:
+    heights = aligned(found, tops, sensor)
+    assert heights is not None and heights.planned == planned
+    assert heights.raised == pytest.approx(raised)
 
 
-def test_without_a_floor_the_ceiling_tells_it() -> None:
-    found = aligned([(2.4, 300, CEILING), (1.1, 3, CEILING)], sensor=1.1)  # the map's zero was a guess
-    assert found is not None and found.planned == {0: 5.7}
-    assert found.raised == pytest.approx(3.3)
-
-
-@pytest.mark.parametrize("share", [0.02, 0.2])
-def test_a_platform_that_is_seen_most_is_not_the_floor(share: float) -> None:
-    """A little of the floor is seen below it, and the ceiling is as planned above the floor."""
-    found = aligned([(0.0, 3000, FLOOR), (-0.3, 3000 * share, FLOOR), (2.4, 2000, CEILING)])
-    assert found is not None and found.planned == {1: 3.0}
-    assert found.raised == pytest.approx(3.3)
-
-
-def test_a_suspended_ceiling_is_none_of_the_plan() -> None:
-    found = aligned([(0.0, 800, FLOOR), (2.4, 2000, CEILING)], tops=(3.2,))
-    assert found is not None and found.planned == {0: 3.0} and found.raised == pytest.approx(3.0)
-
-
-def test_a_table_is_not_the_floor_that_is_hidden() -> None:
-    found = aligned([(-0.25, 4, FLOOR), (1.7, 400, CEILING)], sensor=0.4)
-    assert found is not None and found.planned == {1: 5.7} and found.raised == pytest.approx(4.0)
-
-
-def test_where_two_heights_are_as_likely_the_doubt_is_told() -> None:
-    """Only two ceilings, 0.5 m apart, and walls of both heights."""
-    found = aligned([(2.2, 100, CEILING)], tops=(2.5, 3.0), sensor=1.2)
-    assert found is not None and found.sigma > 0.1
-    assert aligned([(2.2, 100, CEILING)], tops=(2.5,), sensor=1.2).sigma == 0.0  # type: ignore[union-attr]
-
-
-def test_nothing_seen_tells_nothing() -> None:
-    nothing = Levels(np.empty(0, dtype=np.int64), np.empty(0), np.empty((0, 2)), np.empty(0), np.empty(0, dtype=bool))
-    assert align_heights(nothing, [], 3.0, 0.0, 1.4, SETTINGS) is None
-    assert aligned([(2.4, 300, CEILING)], tops=()) is None
+def test_where_two_heights_are_as_likely_the_doubt_is_given_and_nothing_seen_gives_none() -> None:
+    for tops, least, most in (((2.5,), 0.0, 0.0), ((2.5, 3.0), 0.1, 1.0)):  # of one ceiling, below walls of two heights
+        heights = aligned([(2.2, 100, CEILING)], tops, 1.2)
+        assert heights is not None and least <= heights.sigma <= most
+    assert aligned([], (), 1.4) is None and aligned([(2.4, 300, CEILING)], (), 1.4) is None
 
 
 @pytest.mark.parametrize(

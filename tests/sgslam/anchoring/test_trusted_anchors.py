@@ -206,6 +206,7 @@ STEP = np.array([40.0, 0.0])  # m, from the building to its twin
 
 def with_twin(graph: SceneGraph) -> SceneGraph:
     """The plan with the same building once more, `STEP` away; its ids end in a prime."""
+
     def there(xy: tuple[float, float]) -> tuple[float, float]:
         return xy[0] + float(STEP[0]), xy[1] + float(STEP[1])
 
