@@ -36,9 +36,7 @@ TESTS = {  # of each module; what is compiled once must not be compiled for each
     )},
     "sgslam/anchoring/room_relocalisation.py": ("tests/sgslam/anchoring/test_room_relocalisation.py",),
     "sgslam/anchoring/building_anchoring.py": BUILDING,
-    "sgslam/anchoring/floor_anchoring.py": (
-        *BUILDING, "tests/sgslam/anchoring/test_floor_anchoring.py", "tests/sgslam/anchoring/test_trusted_anchors.py",
-    ),
+    "sgslam/anchoring/floor_anchoring.py": (*BUILDING, "tests/sgslam/anchoring/test_floor_anchoring.py"),
     "sgslam/registration/health.py": ("tests/registration/test_health_limits.py", "tests/registration/test_health.py"),
     "sgslam/session/soundness/quality.py": ("tests/outputs/test_quality.py",),
     "matching/search/verification.py": VERDICTS,
