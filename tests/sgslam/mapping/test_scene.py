@@ -4,13 +4,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from boxes import Array, Box, pose, scene_of
+from boxes import Array, Box, pose
+from wall_pieces import outlines, piece
 
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, transform_planes, transform_points
 from sgslam.mapping import KeyframeNode, Scene, WallMap
 from sgslam.mapping.scene import build_scene
-from sgslam.perception import WallObservation
 
 HEIGHT = 0.8
 BOXES: list[Box] = [  # two rooms, x 0 to 4.9 and 5.1 to 10, with a door between them; two walls go on beyond
@@ -27,50 +27,28 @@ WAY = [(1.0, 1.0), (2.5, 3.5), (3.5, 1.5), (4.6, 2.5), (5.4, 2.5), (7.0, 1.5), (
 @pytest.fixture(scope="module", params=[0.0, 2.2])
 def scene(request: pytest.FixtureRequest) -> tuple[Scene, Array]:
     """The S-graph and T_level_building; the map begins at the first keyframe, turned about."""
-    T_building_map = pose(*WAY[0], HEIGHT, request.param)
-    T_level_map = pose(0.0, 0.0, HEIGHT)
-    config = Config()
-    walls = WallMap(config.surfaces)
+    T_map_building, T_level_map = inverse(pose(*WAY[0], HEIGHT, request.param)), pose(0.0, 0.0, HEIGHT)
+    way, walls, keyframes = [pose(*at, HEIGHT, 0.3 * i) for i, at in enumerate(WAY)], WallMap(Config().surfaces), []
     walls.level_by(T_level_map)
-    raycast = scene_of(BOXES)
-    azimuth = np.linspace(-np.pi, np.pi, 900, endpoint=False)
-    beams = np.column_stack([np.cos(azimuth), np.sin(azimuth), 0 * azimuth])
-    keyframes = []
-    for i, (x, y) in enumerate(WAY):
-        T_building_sensor = pose(x, y, HEIGHT, 0.3 * i)
-        T_map_sensor = inverse(T_building_map) @ T_building_sensor
-        ranges = raycast.distances(T_building_sensor[:3, 3], beams @ T_building_sensor[:3, :3].T)
-        outline = beams * np.minimum(ranges, 30.0)[:, None]
-        keyframes.append(KeyframeNode(i, i * 10**9, T_map_sensor, T_map_sensor, outline))
-        walls.add(i, T_map_sensor, [_piece(T_building_sensor, *ends) for ends in PIECES[x > 5]])
+    for i, (T, outline) in enumerate(zip(way, outlines(BOXES, way), strict=True)):
+        keyframes.append(KeyframeNode(i, i * 10**9, T_map_building @ T, T_map_building @ T, outline))
+        walls.add(i, T_map_building @ T, [piece(T, *ends) for ends in PIECES[int(T[0, 3] > 5)]])
     walls.refresh(np.stack([k.T_map_sensor for k in keyframes]), {}, T_level_map)
     walls.join_duplicates()
-    return build_scene(keyframes, walls, np.array([0, 0, 1.0, HEIGHT]), config), T_level_map @ inverse(T_building_map)
+    return build_scene(keyframes, walls, np.array([0, 0, 1.0, HEIGHT]), Config()), T_level_map @ T_map_building
 
 
-def _piece(
-    T_building_sensor: Array, first: tuple[float, float], last: tuple[float, float]
-) -> tuple[WallObservation, Array, Array]:
-    ends = np.array([[*first, 1.0], [*last, 1.0]])
-    tangent = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
-    normal = np.array([-tangent[1], tangent[0], 0.0])
-    normal = normal if normal @ (T_building_sensor[:3, 3] - ends[0]) > 0 else -normal
-    plane = transform_planes(inverse(T_building_sensor), np.array([*normal, -normal @ ends[0]]))
-    in_sensor = transform_points(inverse(T_building_sensor), ends)
-    return WallObservation(plane, in_sensor[:, :2], (0.2, 2.0), 0.01, 0.01), plane, in_sensor
-
-
-def in_building(T_level_building: Array, places: list[tuple[float, float]]) -> Array:
+def placed(T_level_building: Array, places: list[tuple[float, float]]) -> Array:
     points = np.column_stack([np.array(places), np.zeros(len(places))])
     return transform_points(inverse(T_level_building), points)[:, :2]
 
 
 def test_there_are_two_rooms_and_a_door_between_them(scene: tuple[Scene, Array]) -> None:
     graph, T = scene[0].graph, scene[1]
-    rooms = sorted(in_building(T, [r.centroid for r in graph.rooms]).tolist())
+    rooms = sorted(placed(T, [r.centroid for r in graph.rooms]).tolist())
     np.testing.assert_allclose(rooms, [[2.45, 2.5], [7.55, 2.5]], atol=0.15)
     assert [set(d.rooms) for d in graph.doors] == [{r.id for r in graph.rooms}]
-    np.testing.assert_allclose(in_building(T, [d.centroid for d in graph.doors]), [[5.0, 2.5]], atol=0.25)
+    np.testing.assert_allclose(placed(T, [d.centroid for d in graph.doors]), [[5.0, 2.5]], atol=0.25)
 
 
 def test_a_wall_is_cut_by_the_rooms_that_it_faces(scene: tuple[Scene, Array]) -> None:
@@ -78,11 +56,11 @@ def test_a_wall_is_cut_by_the_rooms_that_it_faces(scene: tuple[Scene, Array]) ->
     graph, T = scene[0].graph, scene[1]
     found = []
     for surface in graph.wall_surfaces:
-        ends = in_building(T, list(surface.ends()))
+        ends = placed(T, list(surface.ends()))
         if np.abs(ends[:, 1] - 5).max() < 0.05:
             found.append((*sorted(ends[:, 0].tolist()), surface.room))
     found.sort()
-    rooms = sorted(graph.rooms, key=lambda r: in_building(T, [r.centroid])[0, 0])
+    rooms = sorted(graph.rooms, key=lambda r: placed(T, [r.centroid])[0, 0])
     assert [room for _, _, room in found if room] == [r.id for r in rooms]
     assert [room for _, _, room in found].count(None) == 1
     inside = [(low, high) for low, high, room in found if room]
@@ -116,5 +94,5 @@ def test_keyframes_know_their_room_and_what_they_saw(scene: tuple[Scene, Array])
     assert [k.stamp_ns for k in graph.keyframes] == [i * 10**9 for i in range(len(WAY))]
     for keyframe, (x, _) in zip(graph.keyframes, WAY, strict=True):
         assert keyframe.room is not None
-        assert (in_building(T, [graph.room_by_id[keyframe.room].centroid])[0, 0] > 5) == (x > 5)
+        assert (placed(T, [graph.room_by_id[keyframe.room].centroid])[0, 0] > 5) == (x > 5)
         assert set(keyframe.observes) <= set(graph.surface_by_id) and len(keyframe.observes) >= 4
