@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -44,40 +46,56 @@ def own_graph(plan: SceneGraph = ROOM) -> tuple[gtsam.NonlinearFactorGraph, gtsa
     return graph, values
 
 
-def test_the_frame_is_found_from_a_match_that_is_a_little_off() -> None:
+def anchors_of(found: MatchResult, plan: Any = ROOM, keys: dict[str, PlaneKeys] = KEYS, **more: Any) -> factors.Anchors:
+    """Of the walls of the room, or of those of a plan that is another one."""
+    return factors.anchors_of(found, plan, keys, own_graph()[1], B(0), **more)
+
+
+def frame_found(anchors: factors.Anchors, floor: float | None = None) -> gtsam.Pose3:
+    """T_bim_map, or that of the origin; with the height of a floor (m) or without."""
     graph, values = own_graph()
-    off = (T_A_S[0] + 0.05, T_A_S[1] + 0.3, T_A_S[2] - 0.2)
-    anchors = factors.anchors_of(match(T_a_s=off), ROOM, KEYS, values, B(0), height=4.5)
     graph.push_back(anchors.graph())
     values.insert(anchors.start)
+    if floor is not None:
+        seen = T_BIM_MAP.matrix().T @ [0, 0, 1, -floor]
+        graph.add(factors.observe_own_plane(seen, O(0), F(0), EXACT))
+        graph.add(factors.storey_plane(floor, B(0), X(0), F(0), EXACT))
+        values.insert(F(0), gtsam.OrientedPlane3(seen))
+    return gtsam.LevenbergMarquardtOptimizer(graph, values).optimize().atPose3(B(0)).inverse()
+
+
+def test_the_frame_is_found_from_a_match_that_is_a_little_off() -> None:
+    off = match(T_a_s=(T_A_S[0] + 0.05, T_A_S[1] + 0.3, T_A_S[2] - 0.2))
+    anchors = anchors_of(off, height=4.5)
     assert anchors.graph().size() == 1 + 2 * 4 and set(anchors.walls) == set(KEYS)
     begun = gtsam.Pose3(anchors.T_map_bim).inverse()
-    np.testing.assert_allclose(begun.matrix()[:2], gtsam.Pose3(match(T_a_s=off).matrix).matrix()[:2], atol=1e-9)
+    np.testing.assert_allclose(begun.matrix()[:2], gtsam.Pose3(off.matrix).matrix()[:2], atol=1e-9)
     assert begun.z() == pytest.approx(4.5)
-    found = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize().atPose3(B(0))
-    step = found.compose(T_BIM_MAP).matrix()
+    step = (T_BIM_MAP.inverse() * frame_found(anchors)).matrix()
     assert np.abs(step[:2, 3]).max() < 1e-3 and abs(np.arctan2(step[1, 0], step[0, 0])) < 1e-4
 
 
+@pytest.mark.parametrize(("floor", "height"), [(None, 0.0), (3.5, 4.5)])
+def test_a_floor_gives_the_height_that_walls_leave(floor: float | None, height: float) -> None:
+    assert frame_found(anchors_of(match()), floor).z() == pytest.approx(height, abs=0.01)
+
+
 def test_at_the_truth_no_anchor_has_an_error_and_a_wall_built_elsewhere_has_its_offset() -> None:
-    _, values = own_graph()
-    anchors = factors.anchors_of(match(), ROOM, KEYS, values, B(0), height=4.5, noise=EXACT)
-    values.insert(anchors.start)
-    assert max(factor.error(values) for pair in anchors.walls.values() for factor in pair) < 1e-9
-    x, y = ROOM.wall_surfaces[0].normal
-    moved = replace(ROOM.wall_surfaces[0], centroid=tuple(ROOM.wall_surfaces[0].centroid + 0.3 * np.array([x, y])))
-    plan = replace(ROOM, wall_surfaces=(moved, *ROOM.wall_surfaces[1:]))
-    _, values = own_graph()
-    anchors = factors.anchors_of(match(), plan, KEYS, values, B(0), height=4.5, noise=EXACT)
-    values.insert(anchors.start)
-    np.testing.assert_allclose(np.abs(anchors.walls["w0"][1].unwhitenedError(values)), [0, 0, 0.3], atol=1e-8)
+    first = ROOM.wall_surfaces[0]
+    moved = replace(first, centroid=tuple(first.centroid + 0.3 * np.array(first.normal)))
+    for plan, offset in ((ROOM, 0.0), (replace(ROOM, wall_surfaces=(moved, *ROOM.wall_surfaces[1:])), 0.3)):
+        _, values = own_graph()
+        anchors = factors.anchors_of(match(), plan, KEYS, values, B(0), height=4.5, noise=EXACT)
+        values.insert(anchors.start)
+        errors = [np.abs(factor.unwhitenedError(values)).max() for pair in anchors.walls.values() for factor in pair]
+        assert sorted(errors)[:-1] == pytest.approx([0.0] * 7, abs=1e-8) and max(errors) == pytest.approx(
+            offset, abs=1e-8
+        )
 
 
 def test_keys_of_walls_that_are_not_matched_do_no_harm_and_two_pieces_may_be_one_wall() -> None:
-    _, values = own_graph()
     keys = KEYS | {"piece": PlaneKeys(P(0), X(0), W(9)), "other": PlaneKeys(P(77), X(77), W(77))}
-    pairs = (*match().wall_surfaces, ("piece", IDS[0], 0.9))
-    anchors = factors.anchors_of(replace(match(), wall_surfaces=pairs), ROOM, keys, values, B(0))
+    anchors = anchors_of(replace(match(), wall_surfaces=(*match().wall_surfaces, ("piece", IDS[0], 0.9))), keys=keys)
     assert set(anchors.walls) == {*KEYS, "piece"} and anchors.start.exists(W(9)) and not anchors.start.exists(W(77))
 
 
@@ -101,126 +119,91 @@ def test_in_isam2_anchors_come_are_let_go_and_come_again() -> None:
     assert np.abs(step.translation()).max() < 1e-3
 
 
-def test_on_a_far_site_an_origin_in_the_building_is_asked_for_and_used() -> None:
+def test_on_a_far_site_an_origin_in_the_building_is_needed_and_used() -> None:
     far = np.array([3.0e5, -2.0e5])
-    walls = tuple(replace(w, centroid=tuple((np.array(w.centroid) + far).tolist())) for w in ROOM.wall_surfaces)
-    plan, site = SceneGraph("bim", (), tuple(replace(w, room=None) for w in walls)), (far + SITE).tolist()
+    walls = tuple(
+        replace(w, centroid=tuple((np.array(w.centroid) + far).tolist()), room=None) for w in ROOM.wall_surfaces
+    )
+    plan, (x, y) = SceneGraph("bim", (), walls), (far + SITE).tolist()
     found = match(T_a_s=(T_A_S[0] + 0.05, T_A_S[1] + far[0] + 0.3, T_A_S[2] + far[1] - 0.2))
-    with pytest.raises(ValueError, match=r"is 360595 m from .*, origin=\(300034.0, -200020.0, 4.0\)"):
-        factors.anchors_of(found, plan, KEYS, own_graph()[1], B(0), height=4.5)
-    for away, is_near in ((294.0, True), (302.0, False)):  # of the origin from walls at x 0 to 8
-        with nullcontext() if is_near else pytest.raises(ValueError, match="from the origin"):
-            factors.anchors_of(found, plan, KEYS, own_graph()[1], B(0), origin=(site[0] + away, site[1] + 3, 0.0))
-    for origin in ((0.0, 0.0), (0.0, 0.0, np.nan)):
-        with pytest.raises(ValueError, match="origin must be three finite numbers"):
-            factors.anchors_of(found, plan, KEYS, own_graph()[1], B(0), origin=origin)
-    graph, values = own_graph()
-    anchors = factors.anchors_of(found, plan, KEYS, values, B(0), height=4.5, origin=(*site, 4.0))
-    graph.push_back(anchors.graph())
-    values.insert(anchors.start)
-    T_origin_map = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize().atPose3(B(0)).inverse()
-    expected = T_BIM_MAP.translation() - np.array([*SITE, 4.0])
-    np.testing.assert_allclose(T_origin_map.translation(), expected, atol=1e-3)
+    for origin, message in (
+        ((0.0, 0.0, 0.0), r"is 360595 m from .*, origin=\(300034.0, -200020.0, 4.0\)"),
+        ((x + 302.0, y + 3, 0.0), "from the origin"),  # of walls at x 0 to 8
+        ((0.0, 0.0), "origin must be three finite numbers"),
+        ((0.0, 0.0, np.nan), "origin must be three finite numbers"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            anchors_of(found, plan, height=4.5, origin=origin)
+    anchors_of(found, plan, origin=(x + 294.0, y + 3, 0.0))
+    T_origin_map = frame_found(anchors_of(found, plan, height=4.5, origin=(x, y, 4.0)))
+    np.testing.assert_allclose(T_origin_map.translation(), T_BIM_MAP.translation() - [*SITE, 4.0], atol=1e-3)
 
 
-def turned_wall(by: float) -> SceneGraph:
-    """The plan with its first wall turned by an angle (rad)."""
-    first = ROOM.wall_surfaces[0]
-    (x, y), c, s = first.normal, np.cos(by), np.sin(by)
-    return replace(ROOM, wall_surfaces=(replace(first, normal=(c * x - s * y, s * x + c * y)), *ROOM.wall_surfaces[1:]))
+def turned_wall(degrees: float) -> SceneGraph:
+    """The plan with its first wall turned."""
+    first, R = ROOM.wall_surfaces[0], gtsam.Rot2.fromDegrees(degrees).matrix()
+    return replace(ROOM, wall_surfaces=(replace(first, normal=tuple(R @ first.normal)), *ROOM.wall_surfaces[1:]))
 
 
-def test_walls_that_face_away_or_cross_are_told() -> None:
-    _, values = own_graph()
-    for degrees, told in ((180, "'w0' faces away from"), (121, "faces away"), (119, "turned 119 deg"), (61, "turned")):
-        for by in (np.radians(degrees), -np.radians(degrees)):
-            with pytest.raises(ValueError, match=told):
-                factors.anchors_of(match(), turned_wall(by), KEYS, values, B(0))
-    assert factors.anchors_of(match(), turned_wall(np.radians(59)), KEYS, values, B(0)).walls
+@pytest.mark.parametrize(
+    ("degrees", "message"),
+    [(180, "'w0' faces away from"), (121, "faces away"), (119, "turned 119 deg"), (61, "turned"), (59, None)],
+)
+def test_walls_that_face_away_or_cross_are_reported(degrees: float, message: str | None) -> None:
+    for sign in (1, -1):
+        with pytest.raises(ValueError, match=message) if message else nullcontext():
+            anchors_of(match(), turned_wall(sign * degrees))
 
 
-def test_walls_of_one_direction_are_not_enough_for_a_new_frame() -> None:
+@pytest.mark.parametrize(("degrees", "enough"), [(None, False), (0, False), (180, False), (9, False), (11, True)])
+def test_walls_of_one_direction_are_not_enough_for_a_new_frame(degrees: float | None, enough: bool) -> None:
     """Whether two of them face each other or not; a second wall at 11 degrees is across."""
-    for angle, enough in ((0.0, False), (np.pi, False), (np.radians(9), False), (np.radians(11), True)):
-        walls = tuple(
-            WallSurface(f"a{k}", None, (float(4 * k), 1.0), (float(np.cos(a)), float(np.sin(a))), 2.0)
-            for k, a in enumerate((0.0, angle))
-        )
-        plan = SceneGraph("bim", (), walls)
-        _, values = own_graph(replace(ROOM, rooms=(), wall_surfaces=walls))
-        pairs = tuple((f"w{k}", f"a{k}", 1.0) for k in range(2))
-        found = MatchResult("unique", "", (), pairs, T_A_S)
-        if enough:
-            assert factors.anchors_of(found, plan, KEYS, values, B(0)).prior is not None
-        else:
-            with pytest.raises(ValueError, match="parallel"):
-                factors.anchors_of(found, plan, KEYS, values, B(0))
-    with pytest.raises(ValueError, match="parallel"):
-        factors.anchors_of(match(IDS[:1]), ROOM, KEYS, own_graph()[1], B(0))
+    walls = tuple(
+        WallSurface(f"a{k}", None, (float(4 * k), 1.0), (float(np.cos(a)), float(np.sin(a))), 2.0)
+        for k, a in enumerate(np.radians([0.0] if degrees is None else [0.0, degrees]))
+    )
+    found = MatchResult("unique", "", (), tuple((f"w{k}", w.id, 1.0) for k, w in enumerate(walls)), T_A_S)
+    plan = SceneGraph("bim", (), walls)
+    with nullcontext() if enough else pytest.raises(ValueError, match="parallel"):
+        assert factors.anchors_of(found, plan, KEYS, own_graph(plan)[1], B(0)).prior is not None
 
 
 @pytest.mark.parametrize(
-    ("found", "told"),
+    ("found", "keys", "message"),
     [
-        (replace(match(), status="ambiguous", reason="two places"), r"'ambiguous' \(two places\)"),
-        (MatchResult("none", "no place"), "'none'"),
-        (replace(match(), wall_surfaces=()), "pairs no wall surface"),
-        (match([*IDS[:3], "elsewhere"]), "the plan has no wall surface 'elsewhere'"),
-        (match([*IDS, IDS[0]]), "no keys are given for the matched wall surface 'w4'"),
+        (replace(match(), status="ambiguous", reason="two places"), {}, r"'ambiguous' \(two places\)"),
+        (MatchResult("none", "no place"), {}, "'none'"),
+        (replace(match(), wall_surfaces=()), {}, "pairs no wall surface"),
+        (match([*IDS[:3], "elsewhere"]), {}, "the plan has no wall surface 'elsewhere'"),
+        (match([*IDS, IDS[0]]), {}, "no keys are given for the matched wall surface 'w4'"),
+        (match(), {"w0": PlaneKeys(P(50), X(0), W(0))}, "the values have no plane p50 of wall surface 'w0'"),
+        (match(), {"w0": PlaneKeys(P(0), X(50), W(0))}, "the values have no anchor x50 of wall surface 'w0'"),
+        (match(), {"w0": PlaneKeys(P(0), X(0), W(1))}, "the frame's key w1 of wall surface 'w1' is in use"),
+        (match(), {"w0": PlaneKeys(P(0), X(0), X(0))}, "the frame's key x0 of wall surface 'w0' is in use"),
     ],
 )
-def test_a_match_that_does_not_fit_is_told(found: MatchResult, told: str) -> None:
-    with pytest.raises(ValueError, match=told):
-        factors.anchors_of(found, ROOM, KEYS, own_graph()[1], B(0))
+def test_a_match_or_keys_that_do_not_fit_are_reported(found: MatchResult, keys: dict, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        anchors_of(found, keys=KEYS | keys)
 
 
-@pytest.mark.parametrize(
-    ("keys", "told"),
-    [
-        (PlaneKeys(P(50), X(0), W(0)), "the values have no plane p50 of wall surface 'w0'"),
-        (PlaneKeys(P(0), X(50), W(0)), "the values have no anchor x50 of wall surface 'w0'"),
-        (PlaneKeys(P(0), X(0), W(1)), "the frame's key w1 of wall surface 'w1' is in use"),
-        (PlaneKeys(P(0), X(0), X(0)), "the frame's key x0 of wall surface 'w0' is in use"),
-    ],
-)
-def test_keys_that_do_not_fit_are_told(keys: PlaneKeys, told: str) -> None:
-    with pytest.raises(ValueError, match=told):
-        factors.anchors_of(match(), ROOM, KEYS | {"w0": keys}, own_graph()[1], B(0))
-
-
-class Surface:
-    """A planned surface of another library."""
-
-    def __init__(self, centroid: tuple[float, ...], normal: tuple[float, ...]) -> None:
-        self.centroid, self.normal = centroid, normal
-
-
-class OtherPlan:
-    """A plan of another library."""
-
-    def __init__(self, surfaces: dict[str, Surface]) -> None:
-        self.surface_by_id = surfaces
-
-
-def test_a_plan_of_another_class_serves_and_points_in_space_are_told() -> None:
-    own = {w.id: Surface(w.centroid, w.normal) for w in ROOM.wall_surfaces}
-    assert set(factors.anchors_of(match(), OtherPlan(own), KEYS, own_graph()[1], B(0)).walls) == set(KEYS)  # type: ignore[arg-type]
+def test_a_plan_of_another_class_serves_and_points_in_space_are_reported() -> None:
+    own = {w.id: SimpleNamespace(centroid=w.centroid, normal=w.normal) for w in ROOM.wall_surfaces}
+    assert set(anchors_of(match(), SimpleNamespace(surface_by_id=own)).walls) == set(KEYS)
     x, y = ROOM.wall_surfaces[0].centroid
-    for surface, told in ((Surface((x, y, 1.2), (1.0, 0.0)), "centroid"), (Surface((x, y), (1.0, 0.0, 0.0)), "normal")):
-        with pytest.raises(ValueError, match=f"the {told} of the planned wall surface '{IDS[0]}'.*is expected"):
-            factors.anchors_of(match(), OtherPlan(own | {IDS[0]: surface}), KEYS, own_graph()[1], B(0))  # type: ignore[arg-type]
+    for name, centroid, normal in (("centroid", (x, y, 1.2), (1.0, 0.0)), ("normal", (x, y), (1.0, 0.0, 0.0))):
+        plan = SimpleNamespace(surface_by_id=own | {IDS[0]: SimpleNamespace(centroid=centroid, normal=normal)})
+        with pytest.raises(ValueError, match=f"the {name} of the planned wall surface '{IDS[0]}'.*is expected"):
+            anchors_of(match(), plan)
 
 
-def test_a_floor_gives_the_height_that_walls_leave() -> None:
-    for floor in (False, True):
-        graph, values = own_graph()
-        anchors = factors.anchors_of(match(), ROOM, KEYS, values, B(0))
-        graph.push_back(anchors.graph())
-        values.insert(anchors.start)
-        if floor:
-            seen = T_BIM_MAP.matrix().T @ [0, 0, 1, -3.5]
-            graph.add(factors.observe_own_plane(seen, O(0), F(0), EXACT))
-            graph.add(factors.storey_plane(3.5, B(0), X(0), F(0), EXACT))
-            values.insert(F(0), gtsam.OrientedPlane3(seen))
-        found = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize().atPose3(B(0)).inverse()
-        assert found.z() == pytest.approx(4.5 if floor else 0.0, abs=0.01)
+@pytest.mark.parametrize("bad", [np.eye(5), np.full((6, 6), np.nan), -np.eye(6), np.triu(np.ones((6, 6)))])
+def test_a_covariance_whitens_and_what_is_none_is_refused(bad: Array) -> None:
+    with pytest.raises(ValueError, match="covariance"):
+        factors.noise_of_covariance(bad)
+    noise = factors.noise_of_covariance(np.diag([0.01**2] * 3 + [0.1**2] * 3), 3.0)
+    values = gtsam.Values()
+    values.insert(X(0), gtsam.Pose3())
+    values.insert(X(1), gtsam.Pose3(gtsam.Rot3(), np.array([0.2, 0.0, 0.0])))
+    error = gtsam.BetweenFactorPose3(X(0), X(1), gtsam.Pose3(), noise).error(values)
+    assert error == pytest.approx(2.0, rel=1e-6)  # two sigma, below the robust threshold
