@@ -51,7 +51,11 @@ def test_the_s_graph_has_the_rooms_and_the_walls_between_their_corners(tmp_path:
         ("EDGE_SE3_PLANE 100 200", "EDGE_SE3_PLANE 100 999", "names 999, which is not a VERTEX_PLANE"),
         ("EDGE_SE3_PLANE 100 200", "EDGE_SE3_PLANE 200 100", "names 200, which is not a VERTEX_SE3:QUAT"),
         ("EDGE_SE3:QUAT 100 101", "EDGE_SE3:QUAT 100", "EDGE_SE3:QUAT needs 30 numbers and has 29"),
-        ("EDGE_SE3_PLANE 100 200", "EDGE_SE3_PLANE 100 200 1 0 0\nUNKNOWN", "EDGE_SE3_PLANE needs 12 numbers and has 5"),
+        (
+            "EDGE_SE3_PLANE 100 200",
+            "EDGE_SE3_PLANE 100 200 1 0 0\nUNKNOWN",
+            "EDGE_SE3_PLANE needs 12 numbers and has 5",
+        ),
         ("VERTEX_PLANE 200", "VERTEX_PLANE x", "'x' is not an id"),
         ("VERTEX_PLANE 201", "VERTEX_PLANE 200", "the id 200 is given twice"),
         ("VERTEX_PLANE 200 ", "VERTEX_PLANE 200 nan ", "never set"),

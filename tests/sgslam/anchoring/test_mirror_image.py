@@ -37,11 +37,3 @@ def rejection(plan: SceneGraph, mirror: bool, seed: int) -> str:
 def test_a_mirrored_map_is_told_from_a_right_one_unless_the_building_is_symmetric(seed: int) -> None:
     assert rejection(FLAT, False, seed) == "" and "mirror" in rejection(FLAT, True, seed)
     assert rejection(SYMMETRIC, False, seed) == ""
-
-
-def test_the_mirror_image_of_a_mirror_image_is_the_graph() -> None:
-    image = mirrored(FLAT)
-    assert mirrored(image) == FLAT and image != FLAT
-    left, right = image.wall_surfaces[0].ends()
-    ends = [(x, -y) for x, y in FLAT.wall_surfaces[0].ends()]
-    np.testing.assert_allclose([right, left], ends, atol=1e-9)  # the left end is the other one
