@@ -9,8 +9,6 @@ from drives import fed, small_drive, small_run
 
 from data import WallSurface
 from evaluation.metrics.consistency import nees
-from sgslam.report import ReportData
-from sgslam.report.contents import entered_unmatched
 from sgslam.slam import SceneGraphSlam
 
 OFF = 0.2  # m
@@ -30,27 +28,12 @@ def test_a_building_as_planned_has_no_deviations_and_its_poses_are_known_as_well
     known = clean.pose_covariances
     assert known is not None and len(known.trajectory) > 20
     assert 0.1 < nees(known.trajectory, drive.truth, known.covariances) < 3.0
-    counts, tight = clean.factors.counts(), set()
-    assert counts["odometry"]["held"] == clean.keyframes - 1
-    assert counts["anchor"]["held"] > 10 and counts["wall"]["held"] > 100
-    for key in clean.factors.held("anchor"):
-        if key[0] == "wall" and len(key) == 3:
-            tight.add((f"w{key[1]}", key[2]))
+    counts, held = clean.factors.counts(), clean.factors.held("anchor")
+    assert counts["odometry"]["held"] == clean.keyframes - 1 and counts["wall"]["held"] > 100
+    tight = {(f"w{key[1]}", key[2]) for key in held if key[0] == "wall" and len(key) == 3}
     states = {(r["wall"], r["a_id"]): r["state"] for r in clean.anchors}
-    assert tight and all(states[key] == "tight" for key in tight)
+    assert len(tight) > 10 and all(states[key] == "tight" for key in tight)
     assert {e.by.split()[0] for e in clean.factors.events} >= {"odometry", "wall", "level", "match", "start"}
-
-
-def test_entered_rooms_without_a_match_are_reported() -> None:
-    drive, (_, result) = small_drive(), small_run(with_bim=True)
-    assert result.matches is not None
-    data = ReportData(
-        drive.bim.graph, result.s_graph, result.trajectory_map, result.trajectory_odometry, None, result.T_bim_map,
-        result.matches, {}, result.deviations,
-    )  # fmt: skip
-    assert entered_unmatched(data) == []
-    (s, a, _), *others = result.matches["rooms"]
-    assert entered_unmatched(replace(data, matches=result.matches | {"rooms": others})) == [(s, a)]
 
 
 @pytest.mark.slow
@@ -66,11 +49,7 @@ def test_walls_that_are_moved_missing_extra_or_closed_are_reported_and_do_not_di
     south = next(s for s, own in rooms.items() if own == {hall.id, None} and s in long)
     along = np.array(next(w for w in graph.wall_surfaces if w.source == between).normal)
     step = OFF * along
-    north = next(
-        w
-        for w in graph.surfaces_of_room[store.id]
-        if w.room == store.id and w.source in long and None in rooms[w.source]
-    )
+    north = next(w for w in graph.surfaces_of_room[store.id] if w.source in long and None in rooms[w.source])
     opened = ((north.source, -2.45, -0.8, True), (north.source, 0.8, 2.45, True))
     walls = [
         WallSurface(

@@ -123,16 +123,6 @@ def test_what_is_beyond_repair_leaves_the_last_optimum(caplog: pytest.LogCapture
     np.testing.assert_array_equal(run.backend.poses, before)
 
 
-def test_a_rebuilt_graph_ends_where_one_that_never_failed_does() -> None:
-    ends = []
-    for guess in (0.0, np.nan):
-        run = spoilt_run(guess=guess)
-        for _ in range(2):
-            run.optimise(anchored(run)[0], steps=50)
-        ends.append(run.backend.poses)
-    np.testing.assert_allclose(ends[0], ends[1], atol=1e-3)
-
-
 def test_factors_are_added_once_and_only_what_is_new() -> None:
     run = Run()
     run.optimise()

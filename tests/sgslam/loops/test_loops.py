@@ -16,10 +16,9 @@ from sgslam.config import Config, SurfaceSettings
 from sgslam.config.loop_settings import LoopSettings
 from sgslam.geometry.frames import inverse
 from sgslam.loops import LoopCloser
-from sgslam.loops.candidates import Pass, Ties, passes_near, tied_by_walls, way_driven
+from sgslam.loops.candidates import Pass, Ties, passes_near, way_driven
 from sgslam.loops.likeness import Widths, similar
 from sgslam.loops.registration import Submap, register
-from sgslam.loops.search import SeenSpace, agreement, search
 from sgslam.mapping import Closure, KeyframeNode, WallMap
 from sgslam.tracking.front_end import FrontEnd
 
@@ -52,52 +51,6 @@ def test_what_is_alike_may_be_farther_off() -> None:
     assert passes(way) == []
     (found,) = passes(way, like=(1, 2))
     assert found.by == "walls" and 2 in found.keyframes
-
-
-@pytest.mark.parametrize(("normals", "tied"), [([[1.0, 0.0], [0.0, 1.0]], [[20, 0]]), ([[0.0, -1.0], [0.0, 1.0]], [])])
-def test_walls_tie_two_passes_where_they_hold_both_directions(normals: list[list[float]], tied: list) -> None:
-    way = there_and_back(10)
-    saw = np.zeros((len(way), 2), dtype=np.float32)
-    saw[[0, -1]] = 1.0
-    last = np.array([len(way) - 1])
-    assert tied_by_walls(last, way, way_driven(way), saw, np.array(normals), 15.0).tolist() == tied
-
-
-def contours(building: LoopBuilding, places: list[tuple[float, float]]) -> tuple[Array, list[Array]]:
-    """Sensors (K, 2) and what each sees around it at its height, building's frame."""
-    scene, angle = TriangleScene(building.triangles), np.linspace(-np.pi, np.pi, 720, endpoint=False)
-    rays = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(720)])
-    ranges = [scene.distances(np.array([x, y, 1.2]), rays) for x, y in places]
-    found = [np.array(p) + r[:, None] * rays[:, :2] for p, r in zip(places, ranges, strict=True)]
-    return np.array(places), found
-
-
-def test_the_search_finds_a_known_motion_at_a_corner() -> None:
-    building = ring(5, 4)
-    x, y = building.way[1]
-    there = SeenSpace.of(*contours(building, [(x - d, y) for d in (6.0, 4.0, 2.0, 0.0)]))
-    here = SeenSpace.of(*contours(building, [(x - 5.0, y), (x - 1.0, y), (x, y + 1.0)]))
-    turn, move = 0.08, np.array([0.9, -1.3])
-    moved = (here.points - move) @ pose(0, 0, yaw=turn)[:2, :2]  # the motion (turn, move) brings them back
-    fit = search(there, moved, moved.mean(axis=0), 2.0, 0.15, SETTINGS)
-    assert fit.agreement > 0.9 and fit.runner_up < fit.agreement - SETTINGS.distinct
-    assert abs(fit.motion[0] - turn) < 0.01 and np.linalg.norm(fit.motion[1:] - move) < 0.08
-
-
-def test_equal_offices_are_ambiguous() -> None:
-    building = long_corridor(12)
-    there = SeenSpace.of(*contours(building, [(x, 0.0) for x in np.arange(8.0, 32.0, 2.0)]))
-    here = SeenSpace.of(*contours(building, [(x, 0.1) for x in np.arange(17.0, 23.0, 2.0)]))
-    fit = search(there, here.points, np.array([20.0, 0.0]), 4.0, 0.05, SETTINGS)
-    assert fit.agreement > 0.8 and fit.runner_up > fit.agreement - SETTINGS.distinct, "a door further on fits as well"
-
-
-def test_free_space_counts_against_a_place_and_unknown_space_does_not() -> None:
-    angle = np.linspace(0, 2 * np.pi, 400)
-    space = SeenSpace.of(np.zeros((1, 2)), [4 * np.column_stack([np.cos(angle), np.sin(angle)])])
-    assert agreement(space, space.points) == (1.0, 1.0)
-    assert agreement(space, 0.5 * space.points) == (1.0, -1.0)
-    assert agreement(space, space.points + 30.0)[0] == 0.0
 
 
 RING = ring(5, 4)
@@ -201,13 +154,6 @@ def test_no_loop_is_closed_along_equal_offices() -> None:
 def closure(earlier: int, later: int, x: float) -> Closure:
     covariance = np.diag([1e-5] * 3 + [4e-4] * 3)
     return Closure(earlier, later, pose(x, 0.0, 0.0), covariance, 1.0, 0.0, "position", "for a test")
-
-
-def test_its_memory_can_be_kept() -> None:
-    closer, other = LoopCloser(SETTINGS), LoopCloser(SETTINGS)
-    closer.withdrawn = [(closure(0, 9, 0.0), "for a test")]
-    other.restore(closer.state())
-    assert other.withdrawn == closer.withdrawn and other.state().keys() == closer.state().keys()
 
 
 def back_end(count: int) -> Backend:

@@ -9,7 +9,7 @@ from boxes import Array, Box, pose
 from wall_pieces import outlines
 
 from sgslam.config import RoomSettings
-from sgslam.mapping.free_space import Grid, free_space
+from sgslam.mapping.free_space import free_space
 from sgslam.mapping.rooms import Segmentation, segment
 
 Place = tuple[float, float]
@@ -105,12 +105,3 @@ def test_hardly_anything_seen_is_no_room(outline: Array) -> None:
     space = free_space(sensors, [outline], np.empty((0, 2, 2)), [np.empty((0, 2))], RoomSettings())
     found = segment(space, sensors, RoomSettings())
     assert found.rooms == [] and found.passages == [] and not found.labels.any()
-
-
-def test_cells_and_places_go_both_ways() -> None:
-    grid = Grid.around(np.array([[-3.0, 2.0], [4.0, 9.0]]), 0.05)
-    cells = np.array([[0, 0], [17, 3], [grid.shape[1] - 1, grid.shape[0] - 1]], dtype=np.int32)
-    np.testing.assert_array_equal(grid.to_cells(grid.to_points(cells)), cells)
-    image = np.arange(grid.shape[0] * grid.shape[1], dtype=np.int32).reshape(grid.shape)
-    assert grid.look_up(image, grid.to_points(cells))[1] == 3 * grid.shape[1] + 17
-    assert grid.look_up(image, np.array([[1e3, 1e3]])) == image[-1, -1]  # clipped
