@@ -101,8 +101,8 @@ def test_a_given_storey_is_contradicted_where_another_explains_the_map_better(st
     own.update()
     own.anchoring.confirm(own.floors, own.T_map_local)
     assert own.storeys[0] == (None if start else base)
-    told = f"storey '{ground().floors[0].name}' of the plan explains the map better"
-    assert (told in own.anchoring.reason and "--storey" in own.anchoring.reason) is bool(start)
+    contradicted = f"storey '{ground().floors[0].name}' of the plan explains the map better"
+    assert (contradicted in own.anchoring.reason and "--storey" in own.anchoring.reason) is bool(start)
 
 
 def test_where_heights_fit_no_storeys_each_floor_needs_an_answer(base: str) -> None:

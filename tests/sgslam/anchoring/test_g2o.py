@@ -93,8 +93,8 @@ def test_files_without_a_graph_are_reported(tmp_path: Path, content: bytes | Non
 
 def test_edges_with_numbers_that_were_never_set_are_refused(tmp_path: Path) -> None:
     graph = read(DRAWN, tmp_path, "EDGE_SE3_PLANE 100 200 1 0 0 3.3e-312 10 0 0 10 0 10")
-    told = f"line {len(DRAWN.lines) + 1}: EDGE_SE3_PLANE of 100 and 200 holds a number that was never set (3.3e-312)"
-    assert len(graph.seen) == 24 and graph.refused == (told,)
+    reason = f"line {len(DRAWN.lines) + 1}: EDGE_SE3_PLANE of 100 and 200 holds a number that was never set (3.3e-312)"
+    assert len(graph.seen) == 24 and graph.refused == (reason,)
 
 
 def test_anchors_correct_the_drift_of_the_map_and_a_wall_built_elsewhere_does_not_distort_it(tmp_path: Path) -> None:
