@@ -16,7 +16,7 @@ from sgslam.config import Config, SurfaceSettings
 from sgslam.config.loop_settings import LoopSettings
 from sgslam.geometry.frames import inverse
 from sgslam.loops import LoopCloser
-from sgslam.loops.candidates import Pass, Ties, passes_near, way_driven
+from sgslam.loops.candidates import Pass, Ties, passes_near, tied_by_walls, way_driven
 from sgslam.loops.likeness import Widths, similar
 from sgslam.loops.registration import Submap, register
 from sgslam.mapping import Closure, KeyframeNode, WallMap
@@ -51,6 +51,14 @@ def test_what_is_alike_may_be_farther_off() -> None:
     assert passes(way) == []
     (found,) = passes(way, like=(1, 2))
     assert found.by == "walls" and 2 in found.keyframes
+
+
+@pytest.mark.parametrize(("normals", "tied"), [([[1.0, 0.0], [0.0, 1.0]], [[20, 0]]), ([[0.0, -1.0], [0.0, 1.0]], [])])
+def test_walls_tie_two_passes_where_they_hold_both_directions(normals: list[list[float]], tied: list) -> None:
+    way = there_and_back(10)
+    saw = np.zeros((len(way), 2), dtype=np.float32)
+    saw[[0, -1]] = 1.0
+    assert tied_by_walls(np.array([20]), way, way_driven(way), saw, np.array(normals), 15.0).tolist() == tied
 
 
 RING = ring(5, 4)
