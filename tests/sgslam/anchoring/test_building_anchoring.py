@@ -1,0 +1,141 @@
+"""All floors of a building share one place: a map on two floors, of equal rooms, and plans of two and three storeys."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from anchored_maps import HIGHER, Anchored, ground, storeys, two_floors
+
+from data import SceneGraph
+from sgslam.anchoring.building_anchoring import merged
+from sgslam.mapping import Anchors
+
+
+@pytest.fixture(scope="module")
+def base() -> str:
+    """The id of the lowest storey."""
+    return ground().floors[0].id
+
+
+def test_a_floor_takes_its_place_from_another_and_from_its_height(base: str) -> None:
+    own = Anchored(storeys(0.6), two_floors())
+    anchoring = own.anchoring
+    assert anchoring.reason == "too little was seen to try a match" and anchoring.committed is None
+    assert not anchoring.awaits_confirmation
+    one = own.update()
+    assert own.storeys == [base, "storey 1"]
+    assert not anchoring.of(0).commitment.follows and anchoring.of(1).commitment.follows
+    assert anchoring.committed is anchoring.of(0)
+    assert anchoring.of(1).height - anchoring.of(0).height == pytest.approx(HIGHER)
+    assert "no other place explains the map nearly as well" in anchoring.reason
+    two = own.update(last=False)
+    assert one is not None and two is not None
+    assert len(two.rooms) > 0 and two.rooms.keys() == one.rooms.keys()
+    answer, first = own.answer(), own.answer(0)
+    assert answer["floors"] == {"floor-0": base, "floor-1": "storey 1"} and first["floors"] == {"floor-0": base}
+    named = [a_id.endswith("storey 1") for _, a_id, _ in answer["wall_surfaces"]]
+    assert any(named) and not all(named)
+    assert anchoring.confirm(own.floors, own.T_map_local) and own.storeys[1] == "storey 1"
+    assert own.floors.maps[0].scene is not None
+    anchoring.of(0).withdraw(own.floors.maps[0].scene, "as a test")
+    assert anchoring.committed is anchoring.of(1)  # the floor that is left leads
+
+
+def test_the_height_of_a_building_is_as_uncertain_as_that_of_the_worst_floor() -> None:
+    below, above = (Anchors(np.eye(4), {}, {}, {}, sigma_height=sigma) for sigma in (0.1, 0.3))
+    assert merged([below, above]).sigma_height == merged([above, below]).sigma_height == 0.3
+
+
+def test_a_floor_waits_until_the_back_end_has_the_place_of_another(base: str) -> None:
+    own = Anchored(storeys(0.6), two_floors())
+    own.T_map_local = None
+    own.update()
+    assert own.storeys == [base, None]
+
+
+def test_floors_that_are_ambiguous_alone_are_placed_together(base: str) -> None:
+    """The lower two storeys are equal, and the third is another: the floors are the lower two."""
+    own = Anchored(storeys(0.0, 0.6), two_floors())
+    own.update()
+    assert own.storeys[0] is None and own.asked > 2
+    own.update()
+    assert own.storeys == [base, "storey 1"]
+
+
+@pytest.mark.parametrize(("walls", "joint"), [(20, 0), (19, 0), (18, 4)])
+def test_floors_are_matched_together_again_when_they_have_grown(walls: int, joint: int) -> None:
+    """From so many walls on each of two floors to twenty; each floor is also asked for alone."""
+    own, small, whole = Anchored(storeys(0.0, 0.0), two_floors()), two_floors(), two_floors()
+    for floor in small.maps:
+        assert floor.scene is not None and len(floor.scene.graph.wall_surfaces) == 20
+        graph = replace(floor.scene.graph, wall_surfaces=floor.scene.graph.wall_surfaces[:walls])
+        floor.scene = replace(floor.scene, graph=graph)
+    own.floors = small
+    own.update()
+    assert own.asked == 2 + 4  # two floors, each with two storeys
+    own.floors = whole
+    own.update()
+    assert own.asked == 2 + 4 + 2 + joint
+    answer = own.answer(2)  # that is not sure is that of the first floor
+    assert answer["status"] == "ambiguous" and list(answer["floors"]) == ["floor-0"]
+
+
+def test_a_single_floor_is_not_placed_by_its_height() -> None:
+    own = Anchored(storeys(0.0))
+    for _ in range(2):
+        own.update()
+    assert own.storeys == [None, None] and own.asked <= 2
+    assert "storeys explain the map about equally well" in own.anchoring.reason
+
+
+def test_the_storey_on_which_the_run_begins_decides_between_equal_ones(base: str) -> None:
+    for start, height in ((base, 0.0), ("storey 1", HIGHER)):
+        own = Anchored(storeys(0.0, 0.0), start=start)
+        own.update()
+        assert own.storeys == [start, None] and own.anchoring.of(0).height == pytest.approx(height)
+
+
+@pytest.mark.parametrize("start", ["storey 1", None])
+def test_a_given_storey_is_contradicted_where_another_explains_the_map_better(start: str | None, base: str) -> None:
+    own = Anchored(storeys(0.6), start=start or base)
+    own.update()
+    own.anchoring.confirm(own.floors, own.T_map_local)
+    assert own.storeys[0] == (None if start else base)
+    contradicted = f"storey '{ground().floors[0].name}' of the plan explains the map better"
+    assert (contradicted in own.anchoring.reason and "--storey" in own.anchoring.reason) is bool(start)
+
+
+def test_where_heights_fit_no_storeys_each_floor_needs_an_answer(base: str) -> None:
+    own = Anchored(storeys(0.6), two_floors(apart=1.5))
+    own.update()
+    assert own.storeys == [base] * 2 and not own.anchoring.of(1).commitment.follows
+
+
+def cut(walls: int) -> SceneGraph:
+    """Two equal storeys, of the upper of which only so many walls are planned."""
+    plan, below = storeys(0.0), ground().wall_surfaces
+    return replace(plan, wall_surfaces=plan.wall_surfaces[: len(below) + walls])
+
+
+@pytest.mark.parametrize(("walls", "follows"), [(3, False), (6, True)])
+def test_a_floor_follows_where_enough_walls_agree(walls: int, follows: bool, base: str) -> None:
+    own = Anchored(cut(walls), two_floors())
+    own.update()
+    assert own.storeys == [base, "storey 1" if follows else None]
+
+
+def test_a_floor_that_proves_to_be_elsewhere_is_withdrawn(base: str) -> None:
+    own = Anchored(storeys(0.0, 0.0), two_floors(), base)
+    own.update()
+    assert own.storeys[1] == "storey 1"
+    own.floors.maps[1].walls.T_level_map[2, 3] -= HIGHER  # the climb is measured better
+    own.update(last=False)
+    assert own.storeys[1] == "storey 2"
+
+
+def test_a_following_floor_is_confirmed_by_its_walls(base: str) -> None:
+    own = Anchored(storeys(0.0), two_floors())
+    own.update()
+    own.floors.maps[1].walls.T_level_map[:2, 3] += 2.0
+    assert not own.anchoring.confirm(own.floors, own.T_map_local)
+    assert own.storeys == [base, None]

@@ -1,0 +1,84 @@
+"""A drive through a building that deviates from its plan: the map keeps its place, the deviations are reported."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from boxes import Array
+from drives import fed, small_drive, small_run
+
+from data import WallSurface
+from evaluation.metrics.consistency import nees
+from sgslam.slam import SceneGraphSlam
+
+OFF = 0.2  # m
+
+
+def xy(values: Array) -> tuple[float, float]:
+    x, y = values.tolist()
+    return x, y
+
+
+def test_a_building_as_planned_has_no_deviations_and_its_poses_are_known_as_well_as_it_says() -> None:
+    drive, (_, clean) = small_drive(), small_run(with_bim=True)
+    assert len(clean.deviations) >= 10 and not any(d["significant"] for d in clean.deviations)
+    assert {d["kind"] for d in clean.deviations} == {"moved"} and all(d["reason"] for d in clean.deviations)
+    assert all(record["events"] for record in clean.anchors)
+    assert {record["by"].split()[0] for record in clean.anchors} <= {"match", "position"}
+    known = clean.pose_covariances
+    assert known is not None and len(known.trajectory) > 20
+    assert 0.1 < nees(known.trajectory, drive.truth, known.covariances) < 3.0
+    counts, held = clean.factors.counts(), clean.factors.held("anchor")
+    assert counts["odometry"]["held"] == clean.keyframes - 1 and counts["wall"]["held"] > 100
+    tight = {(f"w{key[1]}", key[2]) for key in held if key[0] == "wall" and len(key) == 3}
+    states = {(r["wall"], r["a_id"]): r["state"] for r in clean.anchors}
+    assert len(tight) > 10 and all(states[key] == "tight" for key in tight)
+    assert {e.by.split()[0] for e in clean.factors.events} >= {"odometry", "wall", "level", "match", "start"}
+
+
+@pytest.mark.slow
+def test_walls_that_are_moved_missing_extra_or_closed_are_reported_and_do_not_distort_the_map() -> None:
+    """The plan has the wall between the office and the store 20 cm off, a free-standing wall across the hall and an
+    opening of 1.6 m in the store's northern wall, and lacks the hall's southern wall."""
+    drive, (_, clean) = small_drive(), small_run(with_bim=True)
+    graph = drive.bim.graph
+    hall, office, store = (next(r for r in graph.rooms if r.name == name) for name in ("Hall", "Office", "Store"))
+    long = {w.source for w in graph.wall_surfaces if (w.length or 0.0) > 9.0}
+    rooms = {s: {w.room for w in graph.wall_surfaces if w.source == s} for s in {w.source for w in graph.wall_surfaces}}
+    between = next(s for s, own in rooms.items() if own == {office.id, store.id})
+    south = next(s for s, own in rooms.items() if own == {hall.id, None} and s in long)
+    along = np.array(next(w for w in graph.wall_surfaces if w.source == between).normal)
+    step = OFF * along
+    north = next(w for w in graph.surfaces_of_room[store.id] if w.source in long and None in rooms[w.source])
+    opened = ((north.source, -2.45, -0.8, True), (north.source, 0.8, 2.45, True))
+    walls = [
+        WallSurface(
+            f"across/{k}", hall.id, xy(np.array(hall.centroid) + 0.06 * k * along), xy(k * along), 2.8, hall.floor,
+            "across", (0.0, 2.5),
+        )
+        for k in (-1, 1)
+    ]  # fmt: skip
+    for wall in graph.wall_surfaces:
+        if wall.source == between:
+            wall = replace(wall, centroid=xy(np.array(wall.centroid) + step), plane=None)
+        if wall.source != south:
+            walls.append(replace(wall, parts=opened) if wall is north else wall)
+    result = fed(SceneGraphSlam(replace(graph, wall_surfaces=tuple(walls))), drive.scans).finish()
+    assert result.anchored and result.T_bim_map is not None, result.reason
+    assert drive.rmse(result) < 1.5 * drive.rmse(clean) + 0.003
+    found = [d for d in result.deviations if d["significant"]]
+    moved, absent, extra = ([d for d in found if d["kind"] == kind] for kind in ("moved", "absent", "extra"))
+    assert {d["source"] for d in moved} == {between}
+    held = {record["a_id"]: record["state"] for record in result.anchors}
+    for d in moved:
+        true = -step @ np.array(graph.surface_by_id[d["a_id"]].normal)
+        assert d["offset_m"] == pytest.approx(true, abs=0.03) and 0.003 < d["sigma_m"] < 0.05
+        assert held[d["a_id"]] == "loose"
+    assert sum(state == "tight" for state in held.values()) > len(moved)
+    assert {d["a_id"] for d in absent} == {"across/-1", "across/1"} and {d["source"] for d in absent} == {"across"}
+    stand = [w for w in graph.wall_surfaces if w.source == south or w.id == north.id]
+    in_opening = [d for d in extra if "opening" in d["reason"]]
+    assert len(in_opening) == 1 and len(extra) > 1
+    for d in extra:
+        centre = result.T_bim_map[:2, :2] @ result.s_graph.surface_by_id[d["s_id"]].centroid + result.T_bim_map[:2, 3]
+        assert min(abs((centre - w.centroid) @ np.array(w.normal)) for w in stand) < 0.05
