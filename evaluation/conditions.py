@@ -12,7 +12,6 @@ from data.scans import Scan
 from data.scene_graph import Room, SceneGraph, WallSurface, Xy
 from data.simulation import Changes
 from data.trajectory import Trajectory
-from sgslam.geometry.frames import level_at
 
 Array = NDArray[np.float64]
 
@@ -43,7 +42,6 @@ RECORDING: dict[str, tuple[float, ...]] = {
     "covered": (),  # for 5 s a cap is over the sensor, while it is carried on
     "kidnapped": (),  # no scans for 12 s while the sensor is carried on; the stamps show no gap
     "shaken": (),  # the sensor is turned to and fro, at up to 300 degrees/s; part of the simulation
-    "levelled": (),  # for comparison: the points are turned by the true attitude, as if the sensor were held level
 }
 NO_PLACE = ("mirrored", "feet", "foreign plan", "doubled plan")  # no place in the plan is right, or none is best
 
@@ -52,7 +50,6 @@ COVERED_S, CARRIED_S = 5.0, 12.0
 COVER_M = 0.15, 0.25  # from the sensor: a hand or a cap
 FEET = 1 / 0.3048
 BESIDE_M = 5.0  # between two equal buildings
-STEADY_NS = 2_000_000  # in which the attitude is taken as steady
 BEAM_RAD = float(np.radians(2.0))  # one beam of 16
 BLOCKS, BLOCK_S, BLOCK_M = 12, 2.0, (0.4, 0.8)  # directions that are blocked together, for how long, how near
 PERSON_RADIUS_M, PERSON_RANGE_M = 0.25, (0.8, 4.0)
@@ -107,7 +104,7 @@ class Troubled:
         before, after = truth.stamps_ns < begin, truth.stamps_ns >= begin + gap
         stamps = np.concatenate([truth.stamps_ns[before], truth.stamps_ns[after] - gap])
         poses = np.concatenate([truth.poses[before], truth.poses[after]])
-        return Trajectory(stamps, poses if self.trouble != "levelled" else np.stack([level_at(T) for T in poses]))
+        return Trajectory(stamps, poses)
 
     @property
     def _gap_ns(self) -> tuple[int, int]:
@@ -231,14 +228,6 @@ def _covered(scan: Scan, amount: float, of: Troubled, seed: tuple[int, int]) -> 
     return replace(scan, points=rays / np.linalg.norm(rays, axis=1, keepdims=True) * near)
 
 
-def _levelled(scan: Scan, amount: float, of: Troubled, seed: tuple[int, int]) -> Scan:
-    """The points as a sensor sees them that is held level, and turns only about the vertical."""
-    moments, which = np.unique(_times_ns(scan) // STEADY_NS, return_inverse=True)
-    poses = of.drive.truth.at(scan.stamp_ns + STEADY_NS * moments)
-    turns = np.stack([level_at(pose)[:3, :3].T @ pose[:3, :3] for pose in poses])
-    return replace(scan, points=np.einsum("nij,nj->ni", turns[which], scan.points))
-
-
 CHANGES: dict[str, Change] = {
     "dropout": _dropout,
     "field of view": _field_of_view,
@@ -250,7 +239,6 @@ CHANGES: dict[str, Change] = {
     "occlusion": _occlusion,
     "people": _people,
     "covered": _covered,
-    "levelled": _levelled,
 }
 
 

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from data.common.errors import UserError
 from data.trajectory import Trajectory
-from evaluation.metrics.consistency import inside_95
 from evaluation.metrics.tracking import errors_over_time, step_errors
-from evaluation.metrics.trajectories import ape, error_in_bim, wrong_poses
+from evaluation.metrics.trajectories import ape, error_in_bim, inside_95, wrong_poses
 from evaluation.study import Record
 
 Array = NDArray[np.float64]

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from evaluation.metrics.consistency import PARTS
 from evaluation.metrics.statistics import Estimate, ratio, upper_bound
+from evaluation.metrics.trajectories import PARTS
 from evaluation.rows import Row
 
 LEAST_UNITS = 5
@@ -54,11 +54,7 @@ def made(queries: Mapping[str, Query], rows: pd.DataFrame) -> dict[str, pd.DataF
 
 def spread(name: str, form: str = ".0f", factor: float = 1.0) -> Column:
     """A column: the median, and the least and largest of the known values; a single value alone."""
-
-    def cell(own: pd.DataFrame) -> str:
-        return spread_of(factor * _column(own, name), form)
-
-    return cell
+    return lambda own: spread_of(factor * _column(own, name), form)
 
 
 def spread_of(values: "pd.Series[Any]", form: str = ".0f") -> str:
@@ -72,11 +68,7 @@ def spread_of(values: "pd.Series[Any]", form: str = ".0f") -> str:
 
 def mean(name: str, form: str = ".3f", factor: float = 1.0) -> Column:
     """A column: the mean of the known values, with its interval by bootstrap over buildings where there are enough."""
-
-    def cell(own: pd.DataFrame) -> str:
-        return interval(over_buildings(_column(own, name), own.building), form, factor)
-
-    return cell
+    return lambda own: interval(over_buildings(_column(own, name), own.building), form, factor)
 
 
 def over_buildings(values: "pd.Series[Any]", building: "pd.Series[Any]") -> Estimate | None:
@@ -95,30 +87,17 @@ def interval(estimate: Estimate | None, form: str = ".3f", factor: float = 1.0) 
 
 def count(where: Callable[[pd.DataFrame], "pd.Series[bool]"] | None = None) -> Column:
     """A column: how many rows there are, or of them those where something holds, as `part/whole`."""
-
-    def cell(own: pd.DataFrame) -> str:
-        return str(len(own)) if where is None else of(where(own).sum(), len(own))
-
-    return cell
+    return lambda own: str(len(own)) if where is None else of(where(own).sum(), len(own))
 
 
 def total(part: str, whole: str) -> Column:
     """A column: the sum of one field over that of another, as `part/whole`."""
-
-    def cell(own: pd.DataFrame) -> str:
-        return of(_column(own, part).sum(), _column(own, whole).sum())
-
-    return cell
+    return lambda own: of(_column(own, part).sum(), _column(own, whole).sum())
 
 
 def share(part: str, whole: str) -> Column:
     """A column: the sum of one field over that of another, in percent."""
-
-    def cell(own: pd.DataFrame) -> str:
-        sums = _column(own, part).sum(), _column(own, whole).sum()
-        return f"{100 * sums[0] / sums[1]:.1f} %" if sums[1] else ""
-
-    return cell
+    return lambda own: f"{100 * _column(own, part).sum() / max(_column(own, whole).sum(), 1):.1f} %"
 
 
 def of(part: float, whole: float) -> str:

@@ -116,16 +116,6 @@ class Bin:
     right: int
     confidence: float
 
-    @property
-    def mean(self) -> float:
-        """The mean confidence."""
-        return self.confidence / self.count
-
-    @property
-    def share(self) -> float:
-        """The share that is right."""
-        return self.right / self.count
-
 
 def binned(confidences: Sequence[float], right: Sequence[bool]) -> tuple[Bin, ...]:
     """The non-empty bins. Raises UserError for a confidence outside [0, 1]."""

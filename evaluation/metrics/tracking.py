@@ -9,7 +9,6 @@ from pydantic import BaseModel, ConfigDict
 
 from data.common.errors import UserError
 from data.trajectory import Trajectory
-from evaluation.metrics.consistency import DOF, normalised_squared
 from sgslam.geometry.frames import inverse, local_coordinates
 
 Array = NDArray[np.float64]
@@ -17,7 +16,7 @@ TOLERANCE = 0.05  # of the time between the poses of a pair: half a scan of ten 
 Flags = NDArray[np.bool_]
 WRONG_M = 0.2
 UP_AFTER_S = 5.0  # from when on a tracker must know where up is
-LEVEL = 0.95
+DOF, LEVEL = 6, 0.95
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,11 +106,14 @@ def reliability(claims: PoseClaims, estimate: Trajectory, truth: Trajectory) -> 
     late = estimate.stamps_ns - estimate.stamps_ns[0] >= 1e9 * UP_AFTER_S
     up = np.degrees(up_errors(claims.up_in_sensor, estimate, truth)[late])
     return Reliability(
-        good=float(good.mean()), degraded=float((claims.health == "degraded").mean()),
-        lost=float((claims.health == "lost").mean()), inside_95=float(inside.mean()) if len(inside) else None,
-        motions=len(inside), wrongly_good=int(wrongly_good(estimate, truth, good).sum()),
+        good=float(good.mean()),
+        degraded=float((claims.health == "degraded").mean()),
+        lost=float((claims.health == "lost").mean()),
+        inside_95=float(inside.mean()) if len(inside) else None,
+        motions=len(inside),
+        wrongly_good=int(wrongly_good(estimate, truth, good).sum()),
         up_deg=float(np.median(up)) if len(up) else None,
-    )  # fmt: skip
+    )
 
 
 def inside_region(estimate: Trajectory, truth: Trajectory, covariances: Array, good: Flags) -> Flags:
@@ -163,3 +165,16 @@ def _adjoint(T: Array) -> Array:
     R, t = T[:3, :3], T[:3, 3]
     across = np.array([[0.0, -t[2], t[1]], [t[2], 0.0, -t[0]], [-t[1], t[0], 0.0]])
     return np.block([[R, np.zeros((3, 3))], [across @ R, R]])
+
+
+def normalised_squared(error: Array, covariance: Array, pose: int) -> float:
+    """The squared Mahalanobis distance of an error (6,) by its covariance (6, 6). Raises UserError with the number of
+    the `pose` for a covariance that is not finite, symmetric and positive definite."""
+    scale = np.abs(covariance).max()
+    if not np.isfinite(scale) or np.abs(covariance - covariance.T).max() > 1e-6 * scale:
+        raise UserError(f"the covariance of pose {pose} is not finite and symmetric")
+    try:
+        whitened = np.linalg.solve(np.linalg.cholesky((covariance + covariance.T) / 2), error)
+    except np.linalg.LinAlgError:
+        raise UserError(f"the covariance of pose {pose} is not positive definite") from None
+    return float(whitened @ whitened)

@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict
 
 from data.common.errors import UserError
 from data.trajectory import Trajectory
@@ -18,6 +19,8 @@ from sgslam.report import associate
 from sgslam.report.accuracy import TOLERANCE_NS, align_se3, yaw_errors
 
 Array = NDArray[np.float64]
+PARTS = "plan_view", "height", "yaw"
+_OF_TWO, _OF_ONE = 5.991, 3.841  # 95 % quantiles of chi-squared with two degrees of freedom and with one
 WRONG = 0.5, np.radians(5)  # m and rad: beyond, a pose in the BIM frame is at a wrong place
 
 
@@ -90,9 +93,12 @@ def error_in_bim(estimate_in_bim: Trajectory, truth_in_bim: Trajectory) -> Error
     both = matched(estimate_in_bim, truth_in_bim)
     offset = both.estimate[:, :3, 3] - both.truth[:, :3, 3]
     return ErrorInBim(
-        Statistics.of(np.linalg.norm(offset, axis=1)), Statistics.of(np.linalg.norm(offset[:, :2], axis=1)),
-        Statistics.of(offset[:, 2]), Statistics.of(yaw_errors(both.estimate, both.truth)), len(offset),
-    )  # fmt: skip
+        Statistics.of(np.linalg.norm(offset, axis=1)),
+        Statistics.of(np.linalg.norm(offset[:, :2], axis=1)),
+        Statistics.of(offset[:, 2]),
+        Statistics.of(yaw_errors(both.estimate, both.truth)),
+        len(offset),
+    )
 
 
 def wrong_poses(estimate_in_bim: Trajectory, truth_in_bim: Trajectory) -> int:
@@ -102,3 +108,36 @@ def wrong_poses(estimate_in_bim: Trajectory, truth_in_bim: Trajectory) -> int:
     off = inverse(truth_in_bim.at(estimate_in_bim.stamps_ns)) @ estimate_in_bim.poses
     turned = np.arccos(np.clip((np.trace(off[:, :3, :3], axis1=1, axis2=2) - 1) / 2, -1.0, 1.0))
     return int(((np.linalg.norm(off[:, :3, 3], axis=1) > WRONG[0]) | (turned > WRONG[1])).sum())
+
+
+class Inside(BaseModel):
+    """The shares of `poses` poses whose errors in plan view, in height and in yaw lie inside their 95 % regions."""
+
+    model_config = ConfigDict(frozen=True)
+
+    poses: int
+    plan_view: float
+    height: float
+    yaw: float
+
+
+def inside_95(estimate: Trajectory, truth: Trajectory, sigma: Array) -> Inside | None:
+    """The shares for the poses whose standard deviations `sigma` (N, 6) are known: along x, y, z (m) and about x, y, z
+    (rad) of the frame of both trajectories. None where none is. Raises UserError for sigmas of another shape.
+
+    Errors along x and y are taken as independent.
+    """
+    if sigma.shape != (len(estimate), 6):
+        raise UserError(f"sigmas of shape {sigma.shape} for {len(estimate)} poses; give (N, 6)")
+    known = np.isfinite(sigma).all(axis=1)
+    if not known.any():
+        return None
+    true, sigma = truth.at(estimate.stamps_ns[known]), sigma[known]
+    off = (estimate.poses[known] - true)[:, :3, 3] / sigma[:, :3]
+    yaw = yaw_errors(estimate.poses[known], true) / sigma[:, 5]
+    return Inside(
+        poses=int(known.sum()),
+        plan_view=float(((off[:, :2] ** 2).sum(axis=1) < _OF_TWO).mean()),
+        height=float((off[:, 2] ** 2 < _OF_ONE).mean()),
+        yaw=float((yaw**2 < _OF_ONE).mean()),
+    )

@@ -15,7 +15,6 @@ from evaluation.metrics.surface_overlap import MOST_OFFSET_M, Overlaps, one_stor
 
 Array = NDArray[np.float64]
 LEAST_SHARE = 0.3  # share of an S surface's length (S room's area) on its A surface (A room)
-LEAST_VOTE = 0.5  # share of an S room's matched wall length that faces one A room, without polygons
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,7 @@ def true_matches(s_graph: SceneGraph, a_graph: SceneGraph, T_bim_map: Array) -> 
 
     A wall surface is the A surface on which most of it lies, near ones first: length of the overlap times nearness
     (1 at no offset, 0 at the limit), at least 0.3 of its length. A room is the A room with which it shares most area,
-    at least 0.3 of its own; where a polygon is missing, the one that most of its matched walls face.
+    at least 0.3 of its own.
 
     Raises UserError for an A-graph of several storeys and for a matrix that is no motion of the plan.
     """
@@ -46,9 +45,7 @@ def true_matches(s_graph: SceneGraph, a_graph: SceneGraph, T_bim_map: Array) -> 
     floors = {w.floor for w in a_graph.wall_surfaces} | {r.floor for r in a_graph.rooms}
     x, y = s_graph.centroid().tolist()
     yaw, tx, ty = T_a_s.tolist()
-    return TrueMatches(
-        _rooms(s_graph, a_graph, T_a_s, walls), walls, (yaw, tx, ty), floors.pop() if floors else None, (x, y)
-    )
+    return TrueMatches(_rooms(s_graph, a_graph, T_a_s), walls, (yaw, tx, ty), floors.pop() if floors else None, (x, y))
 
 
 def overlaps_in_plan(s_graph: SceneGraph, a_graph: SceneGraph, T_a_s: Array) -> Overlaps:
@@ -98,7 +95,7 @@ def _by_target(pairs: Mapping[str, str], order: list[str]) -> list[list[str]]:
     return list(parts.values())
 
 
-def _rooms(s_graph: SceneGraph, a_graph: SceneGraph, T_a_s: Array, walls: Mapping[str, str]) -> dict[str, str]:
+def _rooms(s_graph: SceneGraph, a_graph: SceneGraph, T_a_s: Array) -> dict[str, str]:
     planned = {r.id: area for r in a_graph.rooms if (area := room_area(r, np.zeros(3))) is not None}
     found = {}
     for room in s_graph.rooms:
@@ -108,18 +105,4 @@ def _rooms(s_graph: SceneGraph, a_graph: SceneGraph, T_a_s: Array, walls: Mappin
             best = max(shared, key=shared.__getitem__)
             if shared[best] >= LEAST_SHARE * area.area:
                 found[room.id] = best
-        if room.id not in found and (area is None or len(planned) < len(a_graph.rooms)):
-            best_voted = _voted(s_graph, a_graph, room.id, walls)
-            if best_voted is not None and (area is None or best_voted not in planned):
-                found[room.id] = best_voted
     return found
-
-
-def _voted(s_graph: SceneGraph, a_graph: SceneGraph, room: str, walls: Mapping[str, str]) -> str | None:
-    votes: dict[str | None, float] = {}
-    for wall in s_graph.surfaces_of_room[room]:
-        if wall.id in walls:
-            faced = a_graph.surface_by_id[walls[wall.id]].room
-            votes[faced] = votes.get(faced, 0.0) + (wall.length or 1.0)
-    best = max(votes, key=votes.__getitem__, default=None)
-    return best if best is not None and votes[best] > LEAST_VOTE * sum(votes.values()) else None

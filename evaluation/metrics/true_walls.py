@@ -85,9 +85,14 @@ def _axis(triangles: Array) -> Array:
 
 
 def _views(
-    walls: list[TriangleScene], axes: list[Array], stands: list[bool], whole: TriangleScene, built: TriangleScene,
-    poses: Array, level: float,
-) -> NDArray[np.int64]:  # fmt: skip
+    walls: list[TriangleScene],
+    axes: list[Array],
+    stands: list[bool],
+    whole: TriangleScene,
+    built: TriangleScene,
+    poses: Array,
+    level: float,
+) -> NDArray[np.int64]:
     """(N,) from how many of the sensor poses (K, 4, 4) each wall is seen, or, if absent, seen through.
 
     `whole` is the building with all walls, `built` only with those that were built; what stands behind an absent wall
