@@ -103,11 +103,6 @@ class DriveOptions(Options):
                 yield {**drives[order[k % len(drives)]], **cell}
 
 
-def cases_of(designs: Sequence[dict[str, Any]], variants: Sequence[str]) -> list[DriveCase]:
-    """A case for each design and variant."""
-    return [DriveCase(**{**design, "variant": variant}) for design in designs for variant in variants]
-
-
 @dataclass(frozen=True, eq=False)
 class Drive:
     """A simulated drive of `count` scans over `length_m` metres, through `rooms` (id, second of entering). `truth` is

@@ -61,10 +61,6 @@ class Claim:
     units: str
 
 
-def nothing(*_: Any) -> None:
-    """Does nothing."""
-
-
 @dataclass(frozen=True)
 class Study:
     """A study answers one question.
@@ -85,7 +81,7 @@ class Study:
     measure: Callable[[Any, Path], Record]
     tables: Callable[[Any], Mapping[str, Any]]
     claims: Callable[[Any], Sequence[Claim]] = lambda rows: ()
-    release: Callable[[Any, Path], None] = nothing
+    release: Callable[[Any, Path], None] = lambda case, work: None
     timed: bool = False
     brought: bool = False
 

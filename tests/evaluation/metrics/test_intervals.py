@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 from data.common.errors import UserError
-from evaluation.metrics.bootstrap import ratio, upper_bound
-from evaluation.metrics.calibration import binned, calibration_error
-from evaluation.metrics.statistics import Score, Statistics
+from evaluation.metrics.statistics import Score, Statistics, binned, calibration_error, ratio, upper_bound
 
 
 def test_statistics_of_known_errors() -> None:

@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from data.common.errors import UserError
 from data.trajectory import Trajectory
-from evaluation.metrics.tracker_claims import inside_region, up_errors, wrongly_good
-from evaluation.metrics.tracking import errors_over_time, step_errors
+from evaluation.metrics.tracking import errors_over_time, inside_region, step_errors, up_errors, wrongly_good
 
 MS = 1_000_000
 Array = NDArray[np.float64]

@@ -17,7 +17,7 @@ def views(ifc: Path, changes: Changes, seed: int, at: tuple[float, float]) -> di
     T_bim_sensor = np.eye(4)
     T_bim_sensor[:3, 3] = (*at, 1.2)
     truth = Trajectory(np.zeros(1, dtype=np.int64), T_bim_sensor[None])
-    walls = true_walls(ifc, "Ground", changes, seed, truth, [0], ifc.parent / f"{changes}-{seed}.json")
+    walls = true_walls(ifc, "Ground", changes, seed, truth, [0])
     return {round(wall.footprint[0][1]): (wall.kind, wall.views) for wall in walls}
 
 
