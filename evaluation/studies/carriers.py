@@ -154,12 +154,13 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
 
 QUICK = Choice(
     buildings=("institute", "house-1", *generated(40)[:3]),
+    carriers=("wheeled", HAND, RECORDING),
     sensors=("VLP-16", "Mid-360"),
     effects=(),
     mounts=((0.0, 40.0, 0.0),),
-    paces=(1.0, 2.0),
+    paces=(1.0,),
     per_cell=5,
-    seconds=20.0,
+    seconds=15.0,
 )
 STUDY = study_of_runs(
     "carriers", "how well each scan is tracked without a plan, for any carrier", QUICK, cases, tables, claims

@@ -147,7 +147,7 @@ QUICK = Choice(
     buildings=("fzk-haus", "niedriha", "jesse", "sample-house", "institute"),
     carriers=("wheeled",),
     sensors=("VLP-16",),
-    seconds=45.0,
+    seconds=40.0,
 )
 STUDY = study_of_runs(
     "elements", "whether the verdicts on walls, openings and columns are true", QUICK, cases, tables, claims

@@ -178,7 +178,7 @@ QUICK = Choice(
     buildings=("institute", "fzk-haus", *generated(60)[:3]),
     carriers=("handheld",),
     sensors=("VLP-16",),
-    seconds=45.0,
+    seconds=30.0,
 )
 STUDY = study_of_runs(
     "other_slam",

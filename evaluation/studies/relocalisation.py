@@ -180,7 +180,7 @@ QUICK = Choice(
     buildings=("demo", "fzk-haus", *generated(50)[:3]),
     seeds=(0,),
     starts=(0.3,),
-    seconds=45.0,
+    seconds=40.0,
 )
 STUDY = study_of_runs(
     "relocalisation",
