@@ -9,7 +9,6 @@ rows are kept.
 import argparse
 import shlex
 from pathlib import Path
-from typing import Any
 
 from data.common.build import content_hash
 from data.common.cli import Parser, add_workers, run_command
@@ -62,13 +61,9 @@ def _list() -> int:
         print(f"{name}: {study.asks}")
         for option, field in study.options.model_fields.items():
             quick = getattr(study.quick, option)
-            short = "" if quick == field.default else f", --quick: {_plain(quick)}"
-            print(f"    {option} = {_plain(field.default)}{short}")
+            short = "" if quick == field.default else f", --quick: {quick}"
+            print(f"    {option} = {field.default}{short}")
     return 0
-
-
-def _plain(value: Any) -> str:
-    return "[" + ", ".join(map(str, value)) + "]" if isinstance(value, tuple) else str(value)
 
 
 def _run(options: argparse.Namespace) -> int:
