@@ -1,6 +1,5 @@
 """The surfel map: sides of walls, cells, forgetting; what a scan sees through, and what its points tell."""
 
-import multiprocessing
 from typing import Any
 
 import numpy as np
@@ -11,11 +10,9 @@ from walks import SCAN_NS, surfels_of
 from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import transform_points
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
-from sgslam.registration.correspondences import planes_of
 from sgslam.registration.free_space import shares_seen_through
 from sgslam.surfels import SurfelMap
 from sgslam.surfels.search import nearest_plane
-from sgslam.tracking.level_frame import add_seen
 
 Point = tuple[float, float, float]
 AHEAD, NONE = np.array([1.0, 0.0, 0.0]), (0.0, 0.0, 0.0)
@@ -134,36 +131,3 @@ def test_a_room_beyond_the_known_walls_is_another_one(
         off.append(abs(found.T_odom_sensor[0, 3] - T[0, 3]))
     assert lost == [*[False] * 8, *[there_lost] * scans, back_lost]
     assert max(off[:11]) < 0.03 and (off[-1] > 0.15 if back_lost else off[-1] < 0.03)
-
-
-def floor(rough: float, count: int, seed: int) -> Array:
-    """(N, 3) points on a floor, seen from above; at its edge something stands on it, up to so many metres high."""
-    rng = np.random.default_rng(seed)
-    points = np.column_stack([rng.uniform(-4, 4, (count, 2)), rng.normal(-1.5, 0.01, count)])
-    points[:, 2] += rough * rng.uniform(0, 1, count) * (points[:, 0] > 1.5)
-    return points
-
-
-def floor_map(rough: float, seed: int) -> SurfelMap:
-    surfels = SurfelMap()
-    add_seen(surfels, floor(rough, 12800, seed), np.eye(4))
-    return surfels
-
-
-def matched(points: Array, surfels: SurfelMap, error: float) -> tuple[Array, ...]:
-    """The points, their planes, knots and shares, for one knot."""
-    knot, share = np.zeros(len(points), np.int64), np.zeros(len(points))
-    both = np.hstack([points, np.zeros((len(points), 3))])
-    return *planes_of(both, knot, share, np.eye(4)[None], surfels.arrays, -1.0, 1.2, error), knot, share
-
-
-def planes_found(count: int) -> list[int]:
-    """The planes of so many points of a known floor."""
-    return [int(plane) for plane in matched(floor(0.0, 12800, 0)[:count], floor_map(0.0, 0), 0.0)[1]]
-
-
-def test_each_point_has_its_plane_whatever_their_number_and_after_a_fork() -> None:
-    every = planes_found(100)
-    assert [planes_found(count) for count in (0, 1, 2, 7)] == [every[:0], every[:1], every[:2], every[:7]]
-    with multiprocessing.get_context("fork").Pool(1) as forked:
-        assert forked.apply_async(planes_found, (100,)).get(timeout=60) == every

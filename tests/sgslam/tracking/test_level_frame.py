@@ -87,13 +87,7 @@ def test_which_end_is_up_is_sure_with_a_stated_mount_only(sensor: str, mount: Ar
     assert roughly is not None and s.off_deg(roughly) < 1.5
 
 
-def test_few_surfaces_and_those_of_no_building_tell_nothing() -> None:
-    for seed in range(10):
-        rng = np.random.default_rng(seed)
-        normals = rng.normal(size=(500, 3))
-        normals /= np.linalg.norm(normals, axis=1)[:, None]
-        places = rng.uniform(-5, 5, (500, 3))
-        assert estimate_gravity(places, normals, np.ones(500), np.zeros((5, 3)), EXPECTED) is None
+def test_few_surfaces_tell_nothing() -> None:
     s = carried(np.eye(3), "32 rings")
     for most, told in ((20, False), (400, True)):
         some = [part[:: len(part) // most] for part in s.surfels]

@@ -142,13 +142,6 @@ def even(stamps: list[float]) -> ExternalOdometry:
     return ExternalOdometry(Trajectory(stamps_ns, np.stack([pose(t, 0, 0, 0.5 * t) for t in stamps])), "odometry.tum")
 
 
-@pytest.mark.parametrize("at", [0.92, 1.0, 1.1, 1.5, 1.77, 2.0, 2.08])
-def test_between_two_poses_the_way_is_even_and_reaches_one_scan_further(at: float) -> None:
-    found = even([1.0, 1.5, 2.0]).at(round(at * NS))
-    np.testing.assert_allclose(found, pose(at, 0.0, 0.0, 0.5 * at), atol=1e-9)
-    assert is_rigid(found)
-
-
 @pytest.mark.parametrize(
     ("stamps", "at", "what"),
     [([1.0, 1.5], 0.8, "outside"), ([1.0, 1.5], 1.7, "outside"), ([0.0, 0.5, 4.0, 4.5], 2.0, "gap")],
