@@ -80,43 +80,6 @@ def test_a_floor_gives_the_height_that_walls_leave(floor: float | None, height: 
     assert frame_found(anchors_of(match()), floor).z() == pytest.approx(height, abs=0.01)
 
 
-def test_at_the_truth_no_anchor_has_an_error_and_a_wall_built_elsewhere_has_its_offset() -> None:
-    first = ROOM.wall_surfaces[0]
-    moved = replace(first, centroid=tuple(first.centroid + 0.3 * np.array(first.normal)))
-    for plan, offset in ((ROOM, 0.0), (replace(ROOM, wall_surfaces=(moved, *ROOM.wall_surfaces[1:])), 0.3)):
-        _, values = own_graph()
-        anchors = factors.anchors_of(match(), plan, KEYS, values, B(0), height=4.5, noise=EXACT)
-        values.insert(anchors.start)
-        errors = [np.abs(factor.unwhitenedError(values)).max() for pair in anchors.walls.values() for factor in pair]
-        assert sorted(errors) == pytest.approx([0.0] * 7 + [offset], abs=1e-8)
-
-
-def test_keys_of_walls_that_are_not_matched_do_no_harm_and_two_pieces_may_be_one_wall() -> None:
-    keys = KEYS | {"piece": PlaneKeys(P(0), X(0), W(9)), "other": PlaneKeys(P(77), X(77), W(77))}
-    anchors = anchors_of(replace(match(), wall_surfaces=(*match().wall_surfaces, ("piece", IDS[0], 0.9))), keys=keys)
-    assert set(anchors.walls) == {*KEYS, "piece"} and anchors.start.exists(W(9)) and not anchors.start.exists(W(77))
-
-
-def test_in_isam2_anchors_come_are_let_go_and_come_again() -> None:
-    graph, values = own_graph()
-    parameters = gtsam.ISAM2Params()
-    parameters.setFactorization("QR")
-    isam = gtsam.ISAM2(parameters)
-    isam.update(graph, values)
-    first = factors.anchors_of(match(), ROOM, KEYS, isam.calculateEstimate(), B(0), height=4.5)
-    indices = list(isam.update(first.graph(), first.start).getNewFactorsIndices())
-    assert len(indices) == 9
-    isam.update(gtsam.NonlinearFactorGraph(), gtsam.Values(), indices[-2:])  # frame and anchor of the last wall
-    held = isam.calculateEstimate()
-    assert not held.exists(W(3)) and held.exists(W(2)) and held.exists(B(0))
-    again = replace(match(), wall_surfaces=match().wall_surfaces[3:])
-    second = factors.anchors_of(again, ROOM, KEYS, held, B(0), height=4.5)  # one wall suffices where the frame is held
-    assert second.prior is None and not second.start.exists(B(0)) and second.graph().size() == 2
-    isam.update(second.graph(), second.start)
-    step = isam.calculateEstimate().atPose3(B(0)).compose(T_BIM_MAP)
-    assert np.abs(step.translation()).max() < 1e-3
-
-
 def test_on_a_far_site_an_origin_in_the_building_is_needed_and_used() -> None:
     far = np.array([3.0e5, -2.0e5])
     walls = tuple(

@@ -2,8 +2,6 @@
 
 import dataclasses
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -64,11 +62,3 @@ def test_a_storey_of_a_map_of_several_is_matched_with_a_storey_of_the_plan(graph
         answer = json.loads((graphs / "one.json").read_text())
         assert done.returncode == 0 and done.stdout.startswith("unique: ")
         assert (answer["status"], answer["floor"]) == ("unique", there)
-
-
-@pytest.mark.parametrize("module", ["matching.match", "matching.train"])
-def test_help_is_quick_since_it_loads_nothing_that_takes_seconds(module: str) -> None:
-    command = [sys.executable, "-X", "importtime", "-m", module, "--help"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    loaded = {line.rsplit("|", 1)[-1].strip() for line in done.stderr.splitlines()}
-    assert done.returncode == 0 and "argparse" in loaded and not loaded & {"torch", "gtsam", "open3d", "ifcopenshell"}

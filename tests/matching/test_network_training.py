@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import shapely
 import torch
 from commands import refused
 from plans import a_graph, flat
@@ -16,7 +15,7 @@ from matching import Matcher
 from matching.learned.torch_weights import load_network, save_network
 from matching.network.dimensions import Settings
 from matching.network.registry import KINDS, network_of, settings_of
-from matching.training.data import Drawing, batch_of, part, varied
+from matching.training.data import Drawing, batch_of
 from matching.training.loss import accuracies, loss, run
 from matching.training.stream import batches
 from matching.training.trainer import Limits, Training, train
@@ -35,20 +34,6 @@ def _one_thread() -> None:
 @pytest.fixture(scope="module")
 def drawing() -> Drawing:
     return Drawing(tuple(Plan(f"p{k}", f"b{k}", g) for k, g in enumerate(GRAPHS)), {})
-
-
-def test_varied_plans_and_parts_keep_walls_and_rooms_together() -> None:
-    plan = a_graph(flat(np.random.default_rng(3), 10, 8))
-    for seed in range(4):
-        a = varied(plan, np.random.default_rng(seed))
-        for w in a.wall_surfaces:
-            room = shapely.Polygon(a.room_by_id[w.room or ""].polygon)
-            assert shapely.contains_xy(room, *(np.array(w.centroid) + 0.02 * np.array(w.normal)))
-            assert all(room.exterior.distance(shapely.Point(end)) < 1e-6 for end in w.ends())
-    some = part(plan, 20, np.random.default_rng(0))
-    assert 20 < len(some.wall_surfaces) < len(plan.wall_surfaces)
-    for r in some.rooms:
-        assert {w.id for w in some.surfaces_of_room[r.id]} == {w.id for w in plan.surfaces_of_room[r.id]}
 
 
 @pytest.mark.slow
@@ -108,21 +93,6 @@ def test_a_pair_is_learned_and_its_weights_are_of_one_kind(kind: str, tmp_path: 
     assert result.status in ("unique", "ambiguous", "none")
     with pytest.raises(UserError, match="version"):
         load_network(tmp_path / "n.pt", next(other for other in KINDS if other != kind))
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_pairs_of_a_batch_do_not_disturb_each_other(kind: str) -> None:
-    torch.manual_seed(0)
-    network = network_of(TINY if kind == "learned" else settings_of(kind)).eval().requires_grad_(False)
-    other = draw(GRAPHS[1], "mis_segmented", np.random.default_rng(3), 2)
-    with torch.inference_mode():
-        alone, _ = run(network, batch_of([(GRAPHS[2], [DRAWN])]), CPU)
-        both, truth = run(network, batch_of([(GRAPHS[1], [other]), (GRAPHS[2], [DRAWN, DRAWN])]), CPU)
-    n, m = len(alone.dense), alone.dense.shape[1] - 1
-    for rows in (both.dense[-2 * n : -n], both.dense[-n:]):
-        assert torch.allclose(rows[:, :m], alone.dense[:, :m], atol=2e-3)
-        assert torch.allclose(rows[:, -1], alone.dense[:, -1], atol=2e-3)
-    assert np.isfinite(loss(both, truth).item())
 
 
 @pytest.mark.slow

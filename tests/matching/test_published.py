@@ -9,23 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from methods import as_map
-from plans import a_graph, box, flat, moved
+from plans import a_graph, flat, moved
 
-from data import SceneGraph, UserError, WallSurface
+from data import SceneGraph, UserError
 from data.synthetic_maps.noise_models import draw
 from matching import Matcher, MatchResult
-from matching.combinatorial import DEVELOP, CombinatorialMatcher
-from matching.published.data import PaperSplit, drawn_pairs, laid_out
-from matching.published.graph import paper_graph
-from matching.published.network import PRESETS, PUBLISHED, REPOSITORY, Nodes, PaperNetwork
+from matching.published.data import laid_out
+from matching.published.network import PRESETS, PUBLISHED, REPOSITORY, PaperNetwork
 from matching.published.train import main as train_command
-from matching.published.trainer import PaperTraining, Recipe, train
 from matching.published.weights import load_paper_network
 
 PLAN = a_graph(flat(np.random.default_rng(3), 10, 8))
-TINY = dataclasses.replace(REPOSITORY, hidden=16, out=8)
-RELEASED, LATER = Matcher.load("combinatorial"), Matcher.load("combinatorial-grid")
 
 
 @pytest.fixture(autouse=True)
@@ -62,33 +56,6 @@ def test_the_published_networks_know_their_perturbation_and_nothing_of_an_unknow
     assert sizes == {"published": 55_074, "repository": 50_754}
 
 
-def test_training_lowers_the_loss_and_goes_on_bitwise(tmp_path: Path) -> None:
-    pairs = drawn_pairs(11, 0, [], TINY)
-    parts = PaperSplit(tuple(pairs[:8]), tuple(pairs[8:]), ())
-    recipe = Recipe(rate=3e-3, batch=4)
-
-    def begun(epochs: int) -> PaperTraining:
-        return PaperTraining.begin(TINY, dataclasses.replace(recipe, epochs=epochs), parts, 0)
-
-    whole, half, again = begun(4), begun(2), begun(4)
-    train(whole, parts, lambda row: None)
-    train(half, parts, lambda row: None)
-    half.save(tmp_path / "checkpoint.pt")
-    again.load(tmp_path / "checkpoint.pt")
-    train(again, parts, lambda row: None)
-    assert [r["loss"] for r in again.curve] == [r["loss"] for r in whole.curve]
-    assert whole.curve[-1]["loss"] < 0.97 * whole.curve[0]["loss"]
-    with pytest.raises(UserError, match="another settings"):
-        PaperTraining.begin(PUBLISHED, recipe, parts, 0).load(tmp_path / "checkpoint.pt")
-    still = PaperTraining.begin(TINY, Recipe(rate=0.0, decay=0.0, batch=4, patience=2), parts, 0)
-    train(still, parts, lambda row: None)
-    assert len(still.curve) == 3
-    a, s = (paper_graph(g) for g in (PLAN, draw(PLAN, "paper", np.random.default_rng(0)).s_graph))
-    network = whole.best_network()
-    alone, batched = network(Nodes.of([a]), Nodes.of([s])), network(Nodes.of([a, a]), Nodes.of([s, s]))
-    assert all(torch.allclose(alone[0], soft, atol=1e-6) for soft in batched)
-
-
 @pytest.mark.slow
 def test_the_command_trains_and_refuses_mistakes(tmp_path: Path) -> None:
     train_command(["--preset", "repository", "--out", str(tmp_path), "--pairs", "20", "--epochs", "1"])
@@ -101,34 +68,6 @@ def test_the_command_trains_and_refuses_mistakes(tmp_path: Path) -> None:
     for name in ("bad.pt", "none.pt"):
         with pytest.raises(UserError, match=name):
             Matcher.load("paper", tmp_path / name)
-
-
-def tied(result: MatchResult) -> int:
-    return {"none": 0, "unique": 1}.get(result.status) or int(result.reason.split()[0])
-
-
-L_SHAPE = [box(0, 0, 5, 3), box(5.2, 0, 3, 4), box(0, 3.2, 3.5, 4.5)]
-
-
-def test_the_search_ties_on_equal_squares_and_ends_at_one_spurious_wall() -> None:
-    squares = a_graph([box(0, 0, 4, 4), box(4.2, 0, 4, 4)])
-    assert tied(RELEASED.match(as_map(squares), squares)) == 4 and tied(LATER.match(as_map(squares), squares)) == 1
-    plan = a_graph([*L_SHAPE, box(8.4, 0, 6, 2.5)])
-    s = as_map(a_graph(L_SHAPE))
-    extra = dataclasses.replace(s, wall_surfaces=(*s.wall_surfaces, WallSurface("x", "room0", (3, 1), (1, 0), 1.0)))
-    fewer = dataclasses.replace(s, wall_surfaces=s.wall_surfaces[1:])
-    for matcher in (RELEASED, LATER):
-        assert matcher.match(s, plan).status == matcher.match(fewer, plan).status == "unique"
-        assert matcher.match(extra, plan).status == matcher.match(as_map(plan), a_graph(L_SHAPE)).status == "none"
-    for other in (moved(s, 0, 0, 0, mirror=True), moved(s, np.pi / 2, 0, 0)):
-        assert RELEASED.match(other, plan).status == "unique" and LATER.match(other, plan).status == "none"
-    assert RELEASED.match(s, plan, start=(0.0, 9.0, 0.0)).status == "none"
-
-
-def test_the_search_stops_at_its_limit_of_time() -> None:
-    plan = a_graph([box(5.0 * x, 5.0 * y, 4, 4) for x in range(15) for y in range(15)])
-    result = CombinatorialMatcher(dataclasses.replace(DEVELOP, limit_s=0.3)).match(as_map(plan), plan)
-    assert result.status == "none" and "0.3 s" in result.reason
 
 
 @pytest.mark.parametrize(("extra", "needs"), [("torch", "torch"), ("tune", "optuna")])

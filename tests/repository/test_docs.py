@@ -1,27 +1,22 @@
 """The documentation says what is true: its snippets run, its links lead somewhere, its tables are of this version.
 
-Notebooks are pages whose code cells are snippets.
-
-A comment on the line before a block says what is special about it:
-
-    <!-- not run: why -->    only its form is checked
-    <!-- file: my.yaml -->   it is written to that file, for the blocks after it
+A comment on the line before a block says what is special about it: `<!-- not run: why -->`, and
+`<!-- file: my.yaml -->` of one that is written to that file, for the blocks after it.
 """
 
 import argparse
+import inspect
 import json
 import os
-import inspect
 import re
 import shlex
 import shutil
 import subprocess
 import sys
 import tempfile
+import textwrap
 import tomllib
 from collections.abc import Iterator
-from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -45,45 +40,24 @@ ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 PAGES = sorted([*DOCS.rglob("*.md"), *ROOT.glob("*.md"), *DOCS.rglob("*.ipynb")])
 KNOWN = ("bash", "sh", "python", "yaml", "json", "text", "")
-MARK = re.compile(r"<!-- (not run|file): (.+) -->")
+FENCED = re.compile(r"(?:<!-- (not run|file): (.+) -->\n)?^ *```(.*)\n((?:.*\n)*?) *```$", re.MULTILINE)
 
 
-@dataclass(frozen=True)
-class Block:
-    """A fenced block; `where` is its page and line. `mark` is `not run` or `file`, with what it says."""
-
-    where: str
-    language: str
-    text: str
-    mark: tuple[str, str] | None
-
-    def shell_lines(self) -> list[str]:
-        """Its commands: continued lines are joined, comments left out."""
-        lines = self.text.replace("\\\n", " ").splitlines() if self.language in ("bash", "sh") else []
-        return [line.strip() for line in lines if line.strip() and not line.lstrip().startswith("#")]
-
-
-def blocks(page: Path) -> Iterator[Block]:
-    """The fenced blocks of a page, in order."""
+def blocks(page: Path) -> Iterator[tuple[str, str, str, str]]:
+    """The fenced blocks of a page, or the cells of a notebook: the mark, what it says, language and text."""
+    text = page.read_text()
     if page.suffix == ".ipynb":
-        for n, cell in enumerate(json.loads(page.read_text())["cells"]):
-            if cell["cell_type"] == "code":
-                assert cell["outputs"] == [] and cell["execution_count"] is None, f"{name(page)}: kept with its outputs"
-                yield Block(f"{name(page)}:{n}", "python", "".join(cell["source"]), None)
-        return
-    lines, fence = page.read_text(encoding="utf-8").splitlines(), None
-    for number, line in enumerate(lines):
-        if line.lstrip().startswith("```"):
-            if fence is None:
-                fence = number
-                continue
-            indent = len(lines[fence]) - len(lines[fence].lstrip())
-            text = "".join(f"{inner[indent:]}\n" for inner in lines[fence + 1 : number])
-            mark = MARK.search(lines[fence - 1]) if fence else None
-            language = lines[fence].strip().strip("`").strip()
-            yield Block(f"{name(page)}:{fence + 1}", language, text, mark and (mark[1], mark[2]))
-            fence = None
-    assert fence is None, f"{page}: a block does not end"
+        cells = [cell for cell in json.loads(text)["cells"] if cell["cell_type"] == "code"]
+        assert all(cell["outputs"] == [] for cell in cells), f"{page}: kept with its outputs"
+        yield from (("", "", "python", "".join(cell["source"])) for cell in cells)
+    for mark, said, language, lines in FENCED.findall(text if page.suffix == ".md" else ""):
+        yield mark, said, language, textwrap.dedent(lines)
+
+
+def shell_lines(language: str, text: str) -> list[str]:
+    """The commands of a block: continued lines are joined, comments left out."""
+    lines = text.replace("\\\n", " ").splitlines() if language in ("bash", "sh") else []
+    return [line.strip() for line in lines if line.strip() and not line.lstrip().startswith("#")]
 
 
 def name(page: Path) -> str:
@@ -118,46 +92,27 @@ class ParsedError(Exception):
     """The arguments are accepted; nothing is run."""
 
 
-def check_form(block: Block) -> None:
-    """That a block could be run: Python compiles, bash parses, YAML loads, our commands take these arguments."""
-
-    def parse(parser: argparse.ArgumentParser, *given: Any, **named: Any) -> None:
-        with pytest.MonkeyPatch.context() as within:
-            within.setattr(Parser, "parse_known_args", argparse.ArgumentParser.parse_known_args)
-            argparse.ArgumentParser.parse_args(parser, *given, **named)
-        raise ParsedError
-
-    assert block.language in KNOWN, block
-    if block.language == "python":
-        compile(block.text, block.where, "exec")
-    elif block.language == "yaml":
-        yaml.safe_load(block.text)
-    elif block.language in ("bash", "sh"):
-        done = subprocess.run(["bash", "-n"], input=block.text, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, f"{block.where}: {done.stderr}"
-    for part in (part for line in block.shell_lines() for part in re.split(r"&&|\|\||;|\||\s&|>", line)):
-        words = ours(shlex.split(part, comments=True))
-        if words is not None and words[0] != "-m":
-            assert (ROOT / words[0]).is_file(), part
-        elif words is not None:
-            with pytest.MonkeyPatch.context() as patch, pytest.raises(ParsedError):
-                patch.setattr(Parser, "parse_args", parse)
-                done = called(*words[1:])
-                pytest.fail(f"{block.where}: {part}: {done.stderr}")
+def parsed(parser: argparse.ArgumentParser, *given: Any, **named: Any) -> None:
+    with pytest.MonkeyPatch.context() as within:
+        within.setattr(Parser, "parse_known_args", argparse.ArgumentParser.parse_known_args)
+        argparse.ArgumentParser.parse_args(parser, *given, **named)
+    raise ParsedError
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name)
-def test_every_snippet_has_the_form_of_what_can_be_run(page: Path) -> None:
-    for block in blocks(page):
-        check_form(block)
-
-
-def test_a_snippet_of_the_wrong_form_is_found() -> None:
-    for text in ("pip install sgslam && sgslam run --demo", "python -m data.simulate --bim demo.ifc --out o"):
-        check_form(Block("here", "bash", text, None))
-    for text in ("sgslam run --no-such-option", "sgslam simulate --bim", "if true", "python examples/none.py"):
-        with pytest.raises((AssertionError, pytest.fail.Exception)):
-            check_form(Block("here", "bash", text, None))
+def test_every_snippet_has_the_form_of_what_can_be_run(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python compiles, our commands take these arguments."""
+    monkeypatch.setattr(Parser, "parse_args", parsed)
+    for _, _, language, text in blocks(page):
+        if language == "python":
+            compile(text, page, "exec")
+        for part in (part for line in shell_lines(language, text) for part in re.split(r"&&|;|\||\s&|>", line)):
+            words = ours(shlex.split(part, comments=True))
+            if words is not None and words[0] != "-m":
+                assert (ROOT / words[0]).is_file(), part
+            elif words is not None:
+                with pytest.raises(ParsedError):
+                    pytest.fail(f"{part}: {called(*words[1:]).stderr}")
 
 
 @pytest.fixture(scope="module")
@@ -180,7 +135,7 @@ def material(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-RUNNABLE = [page for page in PAGES if any(block.language in ("bash", "sh", "python") for block in blocks(page))]
+RUNNABLE = [page for page in PAGES if any(block[2] in ("bash", "sh", "python") for block in blocks(page))]
 
 
 @pytest.mark.long
@@ -192,14 +147,13 @@ def test_every_snippet_of_the_page_runs(page: Path, material: Path, tmp_path: Pa
     monkeypatch.setenv("MPLBACKEND", "agg")
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     names = {"__name__": "snippet", "scans": small_drive().scans}
-    for block in blocks(page):
-        mark, text = block.mark or ("", "")
+    for mark, said, language, text in blocks(page):
         if mark == "file":
-            Path(text).write_text(block.text)
-        elif not mark and block.language == "python":
-            exec(compile(block.text, block.where, "exec"), names)
+            Path(said).write_text(text)
+        elif not mark and language == "python":
+            exec(compile(text, page, "exec"), names)
         elif not mark:
-            for line in block.shell_lines():
+            for line in shell_lines(language, text):
                 call(line)
 
 
@@ -230,16 +184,3 @@ def test_links_and_pictures_lead_somewhere() -> None:
             shown.add((page.parent / target).resolve())
     for picture in (DOCS / "pictures").iterdir():
         assert picture.stat().st_size < 300_000 and picture in shown, picture.name
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(find_spec("zensical") is None, reason="zensical, which builds the site, is not installed")
-def test_the_site_builds_without_a_warning_and_holds_every_page(tmp_path: Path) -> None:
-    for part in (*ROOT.glob("*.md"), ROOT / "mkdocs.yml"):
-        shutil.copy(part, tmp_path)
-    shutil.copytree(DOCS, tmp_path / "docs")
-    command = [sys.executable, "-m", "zensical", "build", "--strict"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    nav = re.findall(r"^ +- .*: (.+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.MULTILINE)
-    assert sorted(nav) == sorted(p.relative_to(DOCS).as_posix() for p in DOCS.rglob("*.md"))

@@ -13,12 +13,11 @@ from data.plans import load_bim
 from data.simulation import Changes
 from data.simulation.changes.as_built import write_plan_without
 from data.simulation.simulate import simulate
-from sgslam.anchoring import AlignedWall, WallAlignment
+from sgslam.anchoring import AlignedWall
 from sgslam.anchoring.wall_association import WallArrays, associate_walls
 from sgslam.as_built import Piece
 from sgslam.as_built.deviation_tests import run_deviation_tests
-from sgslam.as_built.mapped_walls import MappedWalls, has_other_side
-from sgslam.as_built.missing_walls import missing_walls
+from sgslam.as_built.mapped_walls import MappedWalls
 from sgslam.as_built.visibility import Visibility
 from sgslam.as_built.wall_solids import WallSolid, sides_of, solids_of
 from sgslam.config import AnchorSettings, AsBuiltSettings, Config
@@ -87,25 +86,6 @@ def test_the_tolerance_of_the_findings_is_the_users(tolerance: float, moved: boo
     assert [v.significant for v in found] == [moved, moved]
 
 
-def test_a_fine_tolerance_makes_no_wall_missing() -> None:
-    """A wall 22 mm off, seen too skew to call it moved, beside a stretch that is seen through."""
-    seen, config = seen_through(0.0, 3.0), Config(as_built=AsBuiltSettings(tolerance=0.005))
-    own, sides, solid = [piece(A, 0.022, -1.5, -0.6, tilt=0.03)], sides_of(A), solids(A)
-    found = run_deviation_tests(own, solid, seen, config)
-    alignment = WallAlignment([p.aligned for p in own], np.zeros(3), 0.05, 1.0)
-    assert not any(result.significant for result in found)
-    assert not missing_walls(sides, solid, alignment, own, found, seen, config)
-
-
-def test_both_sides_of_a_wall_are_one_solid() -> None:
-    stub = side("c", 0.06, 1.0, x=20.0, length=0.4)
-    end = WallSurface("d", None, (3.0, 0.06), (1.0, 0.0), 0.12, None, "wall")
-    found = solids(A, B, stub, end, side("e", 0.12, 1.0, "another"))
-    assert [sorted(key[0] for key in solid.facing) for solid in found] == [["a", "b", "c"], ["d"], ["e"]]
-    assert found[0].thickness == pytest.approx(0.12) and found[2].thickness is None
-    assert found[0].facing[("a", "wall")] == -found[0].facing[("b", "wall")]
-
-
 def arrays(*surfaces: WallSurface) -> WallArrays:
     return WallArrays.of(list(surfaces), {}, np.zeros(2))
 
@@ -115,24 +95,6 @@ def test_a_long_wall_is_not_the_stub_that_it_has_come_near_to() -> None:
     seen, in_place = (arrays(side("seen", y, 1.0, length=2.5)) for y in (0.04, 0.01))
     for walls, planned, expected in ((seen, (stub, long), 1), (seen, (stub,), -1), (in_place, (stub,), 0)):
         assert associate_walls(walls, arrays(*planned), 0.4, 0.07).tolist() == [expected]
-
-
-@pytest.mark.parametrize(
-    ("first", "other", "tall", "is_wall"),
-    [
-        ((0.12, 1.0), (0.0, -1.0), True, True),
-        ((0.0, -1.0), (0.12, 1.0), True, True),
-        ((0.12, 1.0), (-0.4, -1.0), True, False),  # too deep: a cupboard's sides
-        ((0.12, 1.0), (0.0, -1.0), False, False),
-        ((0.0, 1.0), (0.12, -1.0), True, False),  # facing each other across a slit
-    ],
-)
-def test_two_sides_a_wall_apart_are_no_furniture(
-    first: tuple[float, float], other: tuple[float, float], tall: bool, is_wall: bool
-) -> None:
-    """Neither is seen above 1.6 m."""
-    walls = arrays(*(side(f"{k}", *own, "", x=0.2 * k, length=2.0) for k, own in enumerate((first, other))))
-    assert has_other_side(walls, 0, np.array([True, tall])) is is_wall
 
 
 Wall = tuple[float, float, float, float, float]  # centre x y, normal x y, length

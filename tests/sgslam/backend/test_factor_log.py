@@ -11,9 +11,8 @@ from two_rooms import CONFIG, Run, anchors_of
 
 import factors
 from sgslam.backend import Backend, FactorLog
-from sgslam.backend.backend import Anchors, RoomNode
+from sgslam.backend.backend import Anchors
 from sgslam.backend.factor_log import Entry, Kind
-from sgslam.geometry.frames import inverse, transform_planes
 
 SPOILT = 40  # a keyframe amid the run
 
@@ -89,16 +88,6 @@ def test_anchors_that_break_the_optimizer_are_withdrawn_and_can_come_back(caplog
     assert off(run, T_map_bim) < 0.02
 
 
-def test_one_bad_anchor_leaves_the_others() -> None:
-    run = Run()
-    anchors, T_map_bim = anchored(run)
-    spoilt = [replace(anchors.planes[2][0], place=np.array([1e200, 0, 0]))]
-    run.optimise(replace(anchors, planes={**anchors.planes, 2: spoilt}))
-    assert off(run, T_map_bim) < 0.03
-    held = {key[1] for key in run.backend.log.held("anchor") if key[0] == "wall" and len(key) == 3}
-    assert held == {0, 1, 3, 4, 5}
-
-
 @pytest.mark.parametrize("number", [0, 7])  # the first of a wall, and one of those after it
 def test_refused_numbers_are_logged_once_and_left_out(number: int, caplog: pytest.LogCaptureFixture) -> None:
     run = Run()
@@ -123,21 +112,6 @@ def test_what_is_beyond_repair_leaves_the_last_optimum(caplog: pytest.LogCapture
     np.testing.assert_array_equal(run.backend.poses, before)
 
 
-def test_factors_are_added_once_and_only_what_is_new() -> None:
-    run = Run()
-    run.optimise()
-    log = run.backend.log
-    added, held = len(log.events), {kind: dict(log.held(kind)) for kind in ("wall", "level", "odometry")}
-    run.optimise()
-    assert len(log.events) == added
-    for kind, entries in held.items():
-        assert all(log.held(kind)[key] is entry for key, entry in entries.items())
-    assert all(e.by and e.why for e in log.events)
-    first, second = log.graph(), log.graph()
-    assert first.size() == second.size() == sum(c["held"] for c in log.counts().values())
-    assert first.equals(second, 1e-12)
-
-
 def test_the_log_has_the_origin_and_the_events_of_an_anchor() -> None:
     run = Run()
     anchors, _ = anchored(run)
@@ -146,14 +120,3 @@ def test_the_log_has_the_origin_and_the_events_of_an_anchor() -> None:
         run.optimise(None if planned is None else replace(anchors, planes={**anchors.planes, 1: [planned]}))
     events = [(e.key[0], e.what, e.by) for e in run.backend.log.events if e.kind == "anchor" and e.key[1:] == (1, "A1")]
     assert events == [("wall", "added", "match 3"), ("wall", "withdrawn", "match 3"), ("wall", "added", "position")]
-
-
-def test_rooms_are_logged_when_they_are_segmented_again() -> None:
-    run = Run()
-    run.optimise()
-    T_map_room, planes = inverse(run.T_building_map) @ pose(3.0, 4.0, 0.0), run.backend.planes_in_map
-    room = RoomNode(7, T_map_room, {w: transform_planes(inverse(T_map_room), planes[w]) for w in range(4)})
-    run.optimise(rooms=[room])
-    run.optimise(rooms=[replace(room, id=8, walls={0: room.walls[0]})])
-    counts = run.backend.log.counts()["room"]
-    assert counts == {"held": 2, "added": 7, "withdrawn": 5, "barred": 0, "refused": 0}

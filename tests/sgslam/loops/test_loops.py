@@ -6,17 +6,15 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from boxes import Array, pose
+from boxes import Array, Box, pose, scan, scene_of
 
-from data.geometry.raycast import TriangleScene
 from data.simulation import SpinningSensor
-from evaluation.drives.loop_buildings import LoopBuilding, long_corridor, ring
 from sgslam.backend import Backend
 from sgslam.config import Config, SurfaceSettings
 from sgslam.config.loop_settings import LoopSettings
 from sgslam.geometry.frames import inverse
 from sgslam.loops import LoopCloser
-from sgslam.loops.candidates import Pass, Ties, passes_near, tied_by_walls, way_driven
+from sgslam.loops.candidates import Pass, Ties, passes_near, way_driven
 from sgslam.loops.likeness import Widths, similar
 from sgslam.loops.registration import Submap, register
 from sgslam.mapping import Closure, KeyframeNode, WallMap
@@ -26,17 +24,16 @@ SETTINGS = LoopSettings()
 SENSOR = SpinningSensor(azimuths=450)
 
 
-def passes(way: Array, tie: tuple[int, int] | None = None, like: tuple[int, ...] = ()) -> list[Pass]:
-    """Those by the last of the places (K, 2), where one pair of keyframes is tied and some look alike."""
+def passes(way: Array, tie: tuple[int, int] | None = None) -> list[Pass]:
+    """Those by the last of the places (K, 2), where one pair of keyframes is tied and none look alike."""
     held = Ties(np.empty((0, 2), dtype=np.int64) if tie is None else np.array([tie]))
-    alike = {"walls": np.array(like, dtype=np.int64), "room": np.empty(0, np.int64)}
+    alike = {"walls": np.empty(0, np.int64), "room": np.empty(0, np.int64)}
     return passes_near(len(way) - 1, way, way_driven(way), np.ones(len(way), bool), held, SETTINGS, alike)
 
 
-def there_and_back(length: int, aside: float = 0.0) -> Array:
-    """By an odometry that slips aside where it turns."""
+def there_and_back(length: int) -> Array:
     x = np.concatenate([np.arange(length + 1), np.arange(length)[::-1]])
-    return np.column_stack([x, aside * (np.arange(len(x)) > length)]).astype(float)
+    return np.column_stack([x, np.zeros(len(x))]).astype(float)
 
 
 def test_who_comes_back_may_be_off_by_more_the_farther_it_went_since_it_was_tied() -> None:
@@ -46,83 +43,52 @@ def test_who_comes_back_may_be_off_by_more_the_farther_it_went_since_it_was_tied
     assert far.keyframes.max() < 20, "only what was seen where it is now"
 
 
-def test_what_is_alike_may_be_farther_off() -> None:
-    way = there_and_back(30, aside=6.0)
-    assert passes(way) == []
-    (found,) = passes(way, like=(1, 2))
-    assert found.by == "walls" and 2 in found.keyframes
+def offices(count: int, near: float, axis: int = 0) -> list[Box]:
+    """Identical ones along both sides of the axis x or y, with their doors and cupboards, from so many metres off."""
+    end, parts = 1.65 * count, [(-1.2, 0.0, 0.0, 0.12), (0.0, 0.06, 0.0, 4.6)]
+    parts = [p for a, b, c, d in parts for p in ((a - end, b - end, c, d), (end - b, end - a, c, d))]
+    for x in 3.3 * np.arange(count) - end:
+        parts += [(x - 0.06, x + 0.06, 0.0, 4.6), (x, x + 1.2, 0.0, 0.12), (x + 2.1, x + 3.3, 0.0, 0.12)]
+        parts += [(x, x + 3.3, 4.6, 4.7), (x + 2.8, x + 3.3, 1.5, 2.7)]
+    sides = [(a, b, *sorted((side * (near + c), side * (near + d)))) for side in (-1, 1) for a, b, c, d in parts]
+    return [(a, c, 0, b, d, 2.8) if axis == 0 else (c, a, 0, d, b, 2.8) for a, b, c, d in sides]
 
 
-@pytest.mark.parametrize(("normals", "tied"), [([[1.0, 0.0], [0.0, 1.0]], [[20, 0]]), ([[0.0, -1.0], [0.0, 1.0]], [])])
-def test_walls_tie_two_passes_where_they_hold_both_directions(normals: list[list[float]], tied: list) -> None:
-    way = there_and_back(10)
-    saw = np.zeros((len(way), 2), dtype=np.float32)
-    saw[[0, -1]] = 1.0
-    assert tied_by_walls(np.array([20]), way, way_driven(way), saw, np.array(normals), 15.0).tolist() == tied
+LEVEL: list[Box] = [(-60, -60, -0.1, 60, 60, 0), (-60, -60, 2.8, 60, 60, 2.9)]
+X, Y = 1.65 * 6, 1.65 * 4  # m, half of the ring
+RING = [(-X + 1, -Y + 1, 0, X - 1, Y - 1, 2.8), *offices(6, Y + 1), *offices(4, X + 1, axis=1), *LEVEL]
+AROUND = np.array([[0.0, -Y], [X, -Y], [X, Y], [-X, Y], [-X, -Y], [0.0, -Y], [X, -Y]])
+CORRIDOR = [*offices(20, 1.0), (-33.1, -1, 0, -33, 1, 2.8), (33, -1, 0, 33.1, 1, 2.8), *LEVEL]
+ALONG = np.array([[-32.0, 0.0], [32.0, 0.0]])
 
 
-RING = ring(5, 4)
-CORNER = RING.way[1]
-AROUND = [(-2.0, 0.0), (0.0, 0.0), (0.0, 2.0)]
-
-
-def scanned(
-    seed: int, around: list[tuple[float, float]], T_map_frame: Array | None = None, building: LoopBuilding = RING
-) -> Submap:
-    """What is seen from places around a corner of the ring, or of another building's origin."""
-    scene, rng = TriangleScene(building.triangles), np.random.default_rng(seed)
-    at = CORNER if building is RING else np.zeros(2)
-    poses = np.stack([pose(*(at + step), 0.8, 0.0) for step in around])
-    clouds = [SENSOR.scan(scene, T, rng).astype(np.float32) for T in poses]
-    return Submap.of(clouds, poses, np.eye(4) if T_map_frame is None else T_map_frame)
+def scanned(seed: int, around: list[tuple[float, float]], T_map_frame: Array) -> Submap:
+    """What is seen from places around a corner of the ring."""
+    poses = np.stack([pose(X + x, y - Y) for x, y in around])
+    clouds = [scan(scene_of(RING), T, SENSOR, 10 * seed + k).astype(np.float32) for k, T in enumerate(poses)]
+    return Submap.of(clouds, poses, T_map_frame)
 
 
 def test_registration_recovers_a_motion_and_knows_its_error() -> None:
-    T_true = pose(0.2, -0.15, 0.03, 0.03)
-    found = register(scanned(0, AROUND), scanned(1, [(-1.0, 0.0), (0.0, 1.0)], T_true), np.eye(4), SETTINGS)
+    T_true, there = pose(0.2, -0.15, 0.03, 0.03), scanned(0, [(-2.0, 0.0), (0.0, 0.0), (0.0, 2.0)], np.eye(4))
+    found = register(there, scanned(1, [(-1.0, 0.0), (0.0, 1.0)], T_true), np.eye(4), SETTINGS)
     assert found is not None
     assert np.linalg.norm(found.T_target_source[:3, 3] - T_true[:3, 3]) < 0.02
     assert found.inliers > 0.9 and found.error < 0.03 and found.held > 2 * SETTINGS.held
 
 
-def test_the_faces_of_a_wall_are_not_the_same_surface_and_without_points_there_is_none() -> None:
-    """The same points, but seen from behind: nothing of them fits."""
-    seen = scanned(0, AROUND)
-    behind, none = Submap(seen.points, 2 * seen.points - seen.seen_from), Submap(seen.points[:0], seen.seen_from[:0])
-    same, other = (register(seen, own, np.eye(4), SETTINGS) for own in (seen, behind))
-    assert same is not None and same.inliers > 0.99
-    assert other is None or other.inliers < 0.3
-    assert register(none, seen, np.eye(4), SETTINGS) is None and register(seen, none, np.eye(4), SETTINGS) is None
-
-
-def test_along_a_bare_corridor_a_registration_holds_nothing() -> None:
-    level = RING.triangles[np.ptp(RING.triangles[:, :, 2], axis=1) == 0]
-    building = replace(RING, triangles=np.concatenate([wall(1.0), wall(-1.0), level]))
-    there, here = (scanned(seed, [(-1.0, 0.0), (1.0, 0.1)], building=building) for seed in (0, 1))
-    found = register(there, here, np.eye(4), SETTINGS)
-    assert found is not None and found.held < SETTINGS.held
-    assert found.covariance[3, 3] > 1.5 * found.covariance[4, 4], "it knows less along the corridor"
-
-
-def wall(y: float) -> Array:
-    a, b, c, d = (-60, y, 0), (60, y, 0), (60, y, 2.8), (-60, y, 2.8)
-    return np.array([[a, b, c], [a, c, d]], dtype=float)
-
-
 @functools.cache
 def looked_at(building: str) -> tuple[Array, list[KeyframeNode], dict[int, Array]]:
     """The truth (K, 4, 4), keyframes at it and their clouds: round the ring and on, or once along a corridor."""
-    drawn = ring(6, 4) if building == "ring" else long_corridor(20)
-    corners = np.concatenate([drawn.way, drawn.way[1:2]]) if building == "ring" else drawn.way
-    steps = []
+    steps, boxes, corners = [], *((RING, AROUND) if building == "ring" else (CORRIDOR, ALONG))
     for a, b in pairwise(corners):
         ahead = (b - a) / np.linalg.norm(b - a)
         way = np.arange(0.0, np.linalg.norm(b - a), 1.2)[:, None]
         steps += [pose(*p, 0.8, float(np.arctan2(ahead[1], ahead[0]))) for p in a + way * ahead]
-    front_end, scene, rng = FrontEnd(Config()), TriangleScene(drawn.triangles), np.random.default_rng(0)
+    front_end, scene = FrontEnd(Config()), scene_of(boxes)
     truth, keyframes, clouds = inverse(steps[0]) @ np.array(steps), [], {}
     for i, T in enumerate(steps):
-        points = SENSOR.scan(scene, T, rng).astype(float)
+        points = scan(scene, T, SENSOR, i)
         clouds[i] = points[::4].astype(np.float32)
         keyframe = KeyframeNode(i, i, truth[i], truth[i])
         keyframe.outline = front_end.look(points, np.eye(4), np.eye(3), 0.8).contour

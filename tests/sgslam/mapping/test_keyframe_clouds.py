@@ -58,17 +58,6 @@ def test_a_nameless_store_is_copied_whole_and_what_is_no_file_of_clouds_is_refus
             KeyframeClouds.open(tmp_path / name)
 
 
-def test_what_is_dense_is_thinned_and_what_is_sparse_stays() -> None:
-    rng, clouds = np.random.default_rng(7), KeyframeClouds(voxel=0.5)
-    near = np.column_stack([np.full(4000, 2.0), *rng.uniform(-1.0, 1.0, (2, 4000))])
-    far = np.column_stack([np.full(20, 40.0), np.linspace(-15.0, 15.0, 20), np.zeros(20)])
-    clouds.add(0, np.concatenate([near, far]))
-    kept = clouds[0]
-    assert np.sum(kept[:, 0] > 30.0) == 20
-    assert 8 <= np.sum(kept[:, 0] < 30.0) <= 50  # of 2 m by 2 m
-    assert np.isin(kept, np.concatenate([near, far]).astype(np.float32)).all()
-
-
 def test_thinning_does_not_move_a_noisy_wall() -> None:
     """Cells in space would: of a wall beside the border of two cells, one point beyond counts as much as all others."""
     rng, clouds = np.random.default_rng(0), KeyframeClouds(voxel=0.1)

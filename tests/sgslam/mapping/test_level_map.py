@@ -49,16 +49,3 @@ def test_the_floor_is_the_lowest_large_surface() -> None:
     levels, _ = filled([table, floor, pit, (1.6, False, 50.0)])
     assert levels.floor() == 1, "not the table, which is larger, nor what is lower and small"
     assert filled([(1.6, False, 50.0)])[0].floor() is None
-
-
-def test_levels_are_the_weighted_means_of_all_their_observations_and_joined_where_they_are_one() -> None:
-    levels, poses = filled([(-1.0, True, 9.0), (1.5, False, 4.0)], [(-0.8, True, 3.0), (1.51, False, 12.0)])
-    assert [s.level for s in levels.seen] == [0, 1, 2, 1]
-    found = levels.levels(np.eye(4))
-    np.testing.assert_allclose([found.height.tolist(), found.area.tolist()], [[-1.0, 1.5075, -0.8], [9.0, 16.0, 3.0]])
-    np.testing.assert_allclose(found.centre[1], [0.75, 0.0], atol=1e-9)
-    poses[1, 2, 3] -= 0.19  # the second keyframe was too high; of ceilings, only those near by are joined
-    levels.refresh({}, poses)
-    found = levels.levels(pose(0.0, 0.0, 2.0))
-    np.testing.assert_allclose([found.height[0], found.area[0]], [1.0025, 12.0])
-    assert [s.level for s in levels.seen[::2]] == [0, 0]

@@ -8,7 +8,7 @@ from boxes import Array, Box, pose
 from wall_pieces import outlines, piece
 
 from sgslam.config import Config
-from sgslam.geometry.frames import inverse, transform_planes, transform_points
+from sgslam.geometry.frames import inverse, transform_points
 from sgslam.mapping import KeyframeNode, Scene, WallMap
 from sgslam.mapping.scene import build_scene
 
@@ -67,26 +67,6 @@ def test_a_wall_is_cut_by_the_rooms_that_it_faces(scene: tuple[Scene, Array]) ->
     np.testing.assert_allclose(inside, [(0.0, 4.9), (5.1, 10.0)], atol=0.2)
     for (_, high, _), (low, _, _) in pairwise(found):
         assert high <= low + 0.05  # nowhere two of them at one place
-
-
-def test_normals_point_into_the_rooms(scene: tuple[Scene, Array]) -> None:
-    graph = scene[0].graph
-    facing = [surface for surface in graph.wall_surfaces if surface.room is not None]
-    assert len(facing) >= 8
-    for surface in facing:
-        room = graph.room_by_id[surface.room or ""]
-        assert (np.array(room.centroid) - surface.centroid) @ np.array(surface.normal) > 0.5
-
-
-def test_room_poses_hold_their_walls(scene: tuple[Scene, Array]) -> None:
-    """A room's walls, kept in its own frame, are those of the map."""
-    for node in scene[0].rooms:
-        surfaces = scene[0].graph.surfaces_of_room[scene[0].room_ids[node.id]]
-        assert set(node.walls) == {scene[0].wall_of_surface[s.id] for s in surfaces}
-        for surface in surfaces:
-            plane = transform_planes(node.T_map_room, node.walls[scene[0].wall_of_surface[surface.id]])
-            assert surface.plane is not None
-            np.testing.assert_allclose(plane, np.array(surface.plane), atol=1e-9)
 
 
 def test_keyframes_know_their_room_and_what_they_saw(scene: tuple[Scene, Array]) -> None:

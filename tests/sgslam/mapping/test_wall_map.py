@@ -8,7 +8,6 @@ from boxes import Array, pose
 from wall_pieces import Piece, piece
 
 from sgslam.config import SurfaceSettings
-from sgslam.geometry.frames import inverse, transform_planes
 from sgslam.mapping import SeenWall, WallMap
 
 LEVEL = pose(0.0, 0.0, 0.9)  # the map's origin is the first sensor, 0.9 m above the floor
@@ -89,17 +88,6 @@ def test_duplicates_are_joined_when_the_estimates_bring_them_together() -> None:
     assert walls.join_duplicates() == 0
 
 
-def test_a_wall_joined_twice_is_still_found() -> None:
-    believed = [pose(0, y, 0) for y in (0.0, 0.3, 0.3, 0.6, 0.6, 0.6)]
-    walls = walls_of(*((T, [piece(HERE, (-1, 3), (1, 3))]) for T in believed))
-    assert labels(walls) == [0, 1, 1, 2, 2, 2]
-    for estimates in ({0: 3.0, 1: 3.05, 2: 3.3}, {1: 3.0, 2: 3.02}):
-        planes = {w: np.array([0, -1.0, 0, d]) for w, d in estimates.items()}
-        walls.refresh(np.stack([HERE] * 6), planes, LEVEL)
-        assert walls.join_duplicates() == 1
-    assert len({walls.current(wall) for wall in range(3)}) == 1 and labels(walls) == [walls.current(0)] * 6
-
-
 @pytest.mark.parametrize(("step", "joined"), [(0.0, 1), (0.07, 0)])
 def test_end_to_end_walls_are_joined_without_a_step_and_not_with_one(step: float, joined: int) -> None:
     y = 3 + step
@@ -127,27 +115,6 @@ def test_a_wall_is_parted_where_it_steps_and_by_noise_alone_nowhere(step: float,
     assert walls.join_duplicates() == 0 and walls.split_steps() == 0
 
 
-def test_coverage_leaves_out_what_nobody_has_seen() -> None:
-    walls = seen_from(HERE, *(((a, 3), (b, 3)) for a, b in ((-2.0, -1.0), (-0.2, 1.0), (0.5, 1.5))))
-    walls.refresh(np.stack([HERE] * 3), {}, LEVEL)
-    (wall,), line = set(labels(walls)), walls.lines
-    x = np.sort(walls.coverage(0.1)[wall] * -line.normal[0, 1])
-    gap = int(np.argmax(np.diff(x)))
-    np.testing.assert_allclose([x[0], x[gap], x[gap + 1], x[-1]], [-2.0, -1.0, -0.2, 1.5], atol=0.11)
-    assert np.delete(np.diff(x), gap).max() == pytest.approx(0.1)
-
-
-def test_planes_of_the_back_end_move_the_lines_and_a_tilted_map_is_levelled() -> None:
-    tilt = pose(0, 0, 0.9, 0.0, np.radians(5), np.radians(-4))  # the first sensor leaned: so does the map
-    T_map, upright = inverse(tilt) @ LEVEL, pose(0, 0, 0.9)
-    walls = walls_of((T_map, [piece(upright, (-1, 3), (1, 3))]), level=tilt)
-    np.testing.assert_allclose(walls.lines.normal, [[0, -1]], atol=1e-9)
-    np.testing.assert_allclose(walls.lines.offset, [3.0], atol=1e-9)
-    walls.refresh(T_map[None], {0: transform_planes(inverse(tilt), np.array([0, -1.0, 0, 3.5]))}, tilt)
-    np.testing.assert_allclose(walls.lines.offset, [3.5], atol=1e-9)
-    np.testing.assert_allclose([walls.lines.low, walls.lines.high], [[-1], [1]], atol=1e-9)
-
-
 @pytest.mark.parametrize(("place", "reach", "seen"), [((0, -1), 10, [0]), ((0, 5), 10, [1]), ((8, 1), 5, [])])
 def test_only_walls_that_turn_to_a_place_are_visible_from_it(place: End, reach: float, seen: list[int]) -> None:
     walls = walls_of((SOUTH, [piece(SOUTH, (-1, 0), (1, 0))]), (NORTH, [piece(NORTH, (-1, 0.1), (1, 0.1))]))
@@ -161,10 +128,3 @@ def test_walls_are_parted_across_two_passes_only() -> None:
     walls.part({9}, {0, 1})
     first, second, again, alone = labels(walls)
     assert (first, second, alone) == (7, 8, 9) and again not in (7, 8, 9)
-
-
-def test_a_map_without_walls_answers() -> None:
-    walls = walls_of((HERE, []))
-    walls.refresh(HERE[None], {}, LEVEL)
-    assert walls.join_duplicates() == 0 and walls.split_steps() == 0
-    assert len(walls.lines.ids) == 0 and walls.coverage(0.1) == {} and walls.heights() == {}

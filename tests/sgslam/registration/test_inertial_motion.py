@@ -15,7 +15,6 @@ from sgslam.geometry.frames import inverse
 from sgslam.inertial import NO_TURNS, Gyroscope, ImuBuffer, MeasuredMotion, measured_up
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.odometry.given_motion import GivenMotion
-from sgslam.registration import Motion
 from sgslam.tracking.clock_offset import ClockOffset
 
 SECONDS = np.arange(0.0, 1.01, 0.1)
@@ -83,15 +82,6 @@ def test_turns_between_knots_are_the_true_ones_in_both_directions_of_time() -> N
     assert back.rotations[::-1] == pytest.approx(turns.rotations.transpose(0, 2, 1), abs=1e-9)
 
 
-def test_samples_within_times_that_follow_one_another_are_each_given_once() -> None:
-    samples = felt(walking, 1.0)
-    imu = buffer(samples)
-    parts = [imu.within(begin, begin + 10**8) for begin in range(-1, 8 * 10**8, 10**8)]
-    stamps = np.concatenate([part.stamps_ns for part in parts if part is not None])
-    assert np.array_equal(stamps, samples.stamps_ns[samples.stamps_ns < 9 * 10**8])
-    assert imu.within(9 * 10**8, 12 * 10**8) is None
-
-
 def test_where_samples_are_missing_or_up_is_unknown_nothing_is_told() -> None:
     silent, knots = Gyroscope(ImuBuffer(ImuSettings())), walking(SECONDS)
     assert silent.between(SECONDS) is NO_TURNS and np.array_equal(silent.turned(SECONDS, knots), knots)
@@ -134,21 +124,6 @@ def test_up_is_known_after_a_second_of_walking_in_either_unit_of_force(unit: flo
     assert up is None or np.degrees(np.arccos(up @ poses[0, 2, :3])) < 2.0
 
 
-def test_points_of_an_unsteady_turn_are_where_a_steady_one_shows_them() -> None:
-    """Of points 5 m away: without, they are off by centimetres."""
-    unsteady, knots = motion_by(felt(shaken)).unsteady(KNOTS), shaken(KNOTS)
-    assert unsteady is not None
-    seconds = np.linspace(KNOTS[0], KNOTS[-1], 400)
-    rays = 5 * np.random.default_rng(0).normal(size=(len(seconds), 3)) / np.sqrt(3)
-    true = np.einsum("nij,nj->ni", shaken(seconds)[:, :3, :3], rays)
-    knots[:, :3, 3] = 0.0
-    raw, steadied = (
-        np.linalg.norm(Motion(KNOTS, knots).placed(points, seconds) - true, axis=1)
-        for points in (rays, unsteady.steadied(rays, seconds))
-    )
-    assert np.percentile(raw, 95) > 0.05 and np.percentile(steadied, 95) < 0.01
-
-
 def test_changes_of_the_velocity_are_the_true_ones_in_both_directions_of_time() -> None:
     motion, expected = motion_by(felt(shaken)), true_changes(KNOTS)
     assert np.abs(expected).max() > 0.2  # m/s from piece to piece
@@ -159,19 +134,6 @@ def test_changes_of_the_velocity_are_the_true_ones_in_both_directions_of_time() 
     assert with_first.values == pytest.approx(found.values[1:], abs=1e-4)
     back = motion.backwards().changes(-KNOTS[::-1], shaken(KNOTS)[::-1].copy(), 0.0, UP)
     assert back.values[1:] == pytest.approx(expected[::-1], abs=0.005)
-
-
-def test_forces_in_g_tell_the_same_also_while_the_sensor_nearly_falls() -> None:
-    """For a tenth of a second the force is a third of gravity: 3.3 m/s2 are no 3.3 g."""
-    samples = felt(shaken)
-    falls = (samples.stamps_ns >= 6 * 10**8) & (samples.stamps_ns < 7 * 10**8)
-    accel = np.where(falls[:, None], samples.accel / 3, samples.accel)
-    si, g = (
-        motion_by(ImuSamples(samples.stamps_ns, samples.gyro, accel / unit)).changes(KNOTS, shaken(KNOTS), 0.0, UP)
-        for unit in (1.0, G)
-    )
-    assert si.values == pytest.approx(g.values, abs=1e-6)
-    assert si.values[3, 2] < true_changes(KNOTS)[2, 2] - 0.2
 
 
 def test_an_imu_beside_the_sensor_feels_what_the_sensor_would() -> None:

@@ -1,6 +1,5 @@
 """The surfel map: sides of walls, cells, forgetting; what a scan sees through, and what its points tell."""
 
-import multiprocessing
 from typing import Any
 
 import numpy as np
@@ -11,14 +10,9 @@ from walks import SCAN_NS, surfels_of
 from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import transform_points
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
-from sgslam.registration.correspondences import planes_of
 from sgslam.registration.free_space import shares_seen_through
-from sgslam.registration.motion_prior import add_height
-from sgslam.registration.point_to_plane import add_points
-from sgslam.registration.sampling import normals_at
 from sgslam.surfels import SurfelMap
 from sgslam.surfels.search import nearest_plane
-from sgslam.tracking.level_frame import add_seen
 
 Point = tuple[float, float, float]
 AHEAD, NONE = np.array([1.0, 0.0, 0.0]), (0.0, 0.0, 0.0)
@@ -55,13 +49,6 @@ def test_each_side_of_a_thin_wall_has_its_own_surfels(seed: int) -> None:
         assert plane is not None and plane[:3] @ ray < -0.99 and plane[3] == pytest.approx(x, abs=0.01)
 
 
-def test_a_step_within_a_large_cell_is_known_by_the_small_ones() -> None:
-    points = wall(2.3, 0.005)
-    points[points[:, 1] > 0.5, 0] += 0.1
-    plane = nearest((2.3, 0.3, 1.2), known((points, AHEAD)))
-    assert plane is not None and plane[3] == pytest.approx(2.3, abs=0.005) and abs(plane[0]) > 0.999
-
-
 @pytest.mark.parametrize(
     ("point", "options", "is_known"),
     [
@@ -78,42 +65,6 @@ def test_a_plane_is_known_where_it_was_seen(point: Point, options: dict[str, Any
     points = wall(2.4)
     surfels = known((points[points[:, 2] < 1.5] if point[2] > 1.3 else points, AHEAD))
     assert (nearest(point, surfels, **options) is not None) == is_known
-
-
-@pytest.mark.parametrize(
-    ("x", "z", "normal", "expected"),
-    [
-        (2.39, 1.92, (0, 0, 0), "wall"),  # off the ceiling, in the cell above the wall's, which has a strip of it
-        (2.39, 2.15, (0, 0, 0), "ceiling"),  # more than a hand's breadth beyond the wall's cell
-        (2.40, 1.985, (0, 0, 0), None),  # what fits both is on neither
-        (2.39, 1.985, (0, 0, 0), None),
-        (2.37, 1.985, (0, 0, 0), "ceiling"),
-        (2.10, 1.985, (0, 0, 0), "ceiling"),
-        (2.39, 1.985, (0, 0, 1), "ceiling"),  # unless the scan shows the normal
-        (2.39, 1.84, (1, 0, 0), "wall"),
-    ],
-)
-def test_a_wall_goes_on_below_a_ceiling(x: float, z: float, normal: Point, expected: str | None) -> None:
-    """A wall at x = 2.4 m, seen up to a height of 1.85 m, and the ceiling at 2 m."""
-    rng, points = np.random.default_rng(0), wall(2.4, 0.005)
-    ceiling = np.c_[rng.uniform(1, 2.4, 4000), rng.uniform(-2, 2, 4000), 2.0 + rng.normal(0, 0.005, 4000)]
-    surfels = known((points[points[:, 2] < 1.85], AHEAD), (ceiling, np.array([0.8, 0.0, 0.6])))
-    plane = nearest((x, 0.3, z), surfels, np.array([-1.8, 0.0, -1.0]), normal=normal)
-    found = None if plane is None else {0: "wall", 2: "ceiling"}[int(np.argmax(np.abs(plane[:3]) > 0.99))]
-    assert found == expected
-
-
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize(("elevations_deg", "below", "shown"), [([15.0], 0.0, False), ([11.5, 13.5, 15.5], 0.51, True)])
-def test_some_rings_show_a_normal(elevations_deg: list[float], below: float, shown: bool, seed: int) -> None:
-    """The points of one spread along their rays by noise, and so do not show the cone that they lie on."""
-    a, e = np.meshgrid(np.linspace(0.01, 0.23, 40) / 2.6, np.radians(elevations_deg))
-    ranges = 2.6 + np.random.default_rng(seed).normal(0, 0.02, a.size)
-    points = np.c_[np.ones(a.size), np.tan(a).ravel(), (np.tan(e) / np.cos(a)).ravel()] * ranges[:, None]
-    normals = normals_at(points - [0.0, 0.0, below], np.arange(a.size), 0.25)
-    some = normals[np.abs(normals).any(axis=1)]
-    assert len(some) > 0.5 * a.size if shown else not len(some)
-    assert (np.abs(some[:, 0]) > 0.9).all()
 
 
 SMALL, LARGE = room(-2, -2, 2, 2), room(-4, -4, 4, 4)
@@ -137,18 +88,6 @@ def test_a_larger_room_is_seen_through_the_walls_of_a_smaller_one() -> None:
     for there, surfels in ((SMALL, SMALL), (LARGE, LARGE), (SMALL, LARGE)):
         assert seen_through(there, HERE, mapped(surfels))[1] < 0.01
     assert seen_through(LARGE, HERE, mapped(SMALL))[1] > 0.2
-
-
-@pytest.mark.parametrize(
-    ("sensor", "point", "expected"),
-    [
-        ((3.0, 0.0, 1.2), (1.5, 0.0, 1.0), (0.0, 0.0)),  # from outside, a room's inner faces are not what a ray meets
-        ((0.0, 0.0, 1.2), (2.4, 0.0, 1.2), (0.0, 0.0)),  # a point just behind a wall may be of that wall
-        ((0.0, 0.0, 1.2), (2.7, 0.0, 1.2), (1.0, 0.5)),
-    ],
-)
-def test_the_far_side_of_a_wall_hides_nothing(sensor: Point, point: Point, expected: tuple[float, float]) -> None:
-    assert shares_seen_through(np.array([point]), np.array(sensor), mapped(SMALL).arrays, -1.0) == expected
 
 
 def test_a_small_wall_is_seen_through_where_most_rays_pass_it_but_a_person_was_none() -> None:
@@ -192,68 +131,3 @@ def test_a_room_beyond_the_known_walls_is_another_one(
         off.append(abs(found.T_odom_sensor[0, 3] - T[0, 3]))
     assert lost == [*[False] * 8, *[there_lost] * scans, back_lost]
     assert max(off[:11]) < 0.03 and (off[-1] > 0.15 if back_lost else off[-1] < 0.03)
-
-
-def floor(rough: float, count: int, seed: int) -> Array:
-    """(N, 3) points on a floor, seen from above; at its edge something stands on it, up to so many metres high."""
-    rng = np.random.default_rng(seed)
-    points = np.column_stack([rng.uniform(-4, 4, (count, 2)), rng.normal(-1.5, 0.01, count)])
-    points[:, 2] += rough * rng.uniform(0, 1, count) * (points[:, 0] > 1.5)
-    return points
-
-
-def floor_map(rough: float, seed: int) -> SurfelMap:
-    surfels = SurfelMap()
-    add_seen(surfels, floor(rough, 12800, seed), np.eye(4))
-    return surfels
-
-
-def matched(points: Array, surfels: SurfelMap, error: float) -> tuple[Array, ...]:
-    """The points, their planes, knots and shares, for one knot."""
-    knot, share = np.zeros(len(points), np.int64), np.zeros(len(points))
-    both = np.hstack([points, np.zeros((len(points), 3))])
-    return *planes_of(both, knot, share, np.eye(4)[None], surfels.arrays, -1.0, 1.2, error), knot, share
-
-
-def told(rough: float, error: float, seed: int, per_cell: int = 40) -> float:
-    """The information about the height that new points tell at that edge."""
-    surfels = floor_map(rough, seed)
-    points, rest = floor(rough, 64 * per_cell, seed + 1), floor(rough, 128 * per_cell, seed + 2)
-    points, rest = points[points[:, 0] > 2], rest[rest[:, 0] < 1]  # most planes are flat
-    total = []
-    for chosen in (np.vstack([points, rest]), rest):
-        H, g, F = np.zeros((6, 6)), np.zeros(6), np.zeros((6, 6))
-        moved, plane_of, knot, share = matched(chosen, surfels, error)
-        options = (error, 0.1 + error, 0.1**2, 0.1, 0)
-        add_points(moved, plane_of, knot, share, np.eye(4)[None], surfels.planes, *options, H, g, F)
-        total.append(float(H[5, 5]))
-    return total[0] - total[1]
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_a_plane_that_is_not_flat_tells_little_however_many_points_it_has(seed: int) -> None:
-    rough, flat = told(0.15, 0.0, seed), told(0.0, 0.0, seed)
-    assert rough < 0.25 * flat
-    assert told(0.15, 0.0, seed, 160) < 2 * rough and told(0.0, 0.0, seed, 160) > 3.4 * flat
-    assert told(0.15, 0.5, seed) > 0.8 * told(0.0, 0.5, seed)  # while the pose is poor, all points count
-
-
-@pytest.mark.parametrize(("off", "variance", "is_drawn"), [(0.05, 0.0, True), (0.5, 0.0, False), (0.5, 0.3**2, True)])
-def test_only_a_known_height_is_taken_for_a_climb(off: float, variance: float, is_drawn: bool) -> None:
-    """A sensor above its usual height, which is known to a variance (m2), is drawn back unless it climbs."""
-    knots, H, g = np.eye(4)[None].copy(), np.zeros((6, 6)), np.zeros(6)
-    knots[0, 2, 3] = off
-    add_height(knots, np.array([0.0, 0, 1]), 0.0, variance, 0.05, 0.1, H, g)
-    assert g[5] > 1.2 if is_drawn else abs(g[5]) < 0.1
-
-
-def planes_found(count: int) -> list[int]:
-    """The planes of so many points of a known floor."""
-    return [int(plane) for plane in matched(floor(0.0, 12800, 0)[:count], floor_map(0.0, 0), 0.0)[1]]
-
-
-def test_each_point_has_its_plane_whatever_their_number_and_after_a_fork() -> None:
-    every = planes_found(100)
-    assert [planes_found(count) for count in (0, 1, 2, 7)] == [every[:0], every[:1], every[:2], every[:7]]
-    with multiprocessing.get_context("fork").Pool(1) as forked:
-        assert forked.apply_async(planes_found, (100,)).get(timeout=60) == every

@@ -9,13 +9,11 @@ import pytest
 from bag_files import NS, cloud, store, write_bag
 from boxes import pose, room, scan, scene_of
 from commands import called
-from drives import small_drive
 
 from data.simulation import SpinningSensor
 from data.trajectory import Trajectory
 from sgslam.config import KeyframeSettings
 from sgslam.mapping import KeyframeRule
-from sgslam.slam import SceneGraphSlam
 
 NOTHING = np.full((100, 3), np.nan, np.float32)
 
@@ -74,19 +72,3 @@ def test_keyframes_of_an_hours_standing_are_few() -> None:
     assert taken[100:-100].sum() < 12
     # as soon as it moves on they come as they did before
     assert taken[-99:].sum() == pytest.approx(taken[1:100].sum(), abs=1)
-
-
-@pytest.mark.long
-def test_the_graph_stands_still_with_the_robot() -> None:
-    drive = small_drive()
-    (_, seen), rng, slam, found, keyframes = drive.scans[0], np.random.default_rng(1), SceneGraphSlam(drive.bim), [], []
-    for k in range(400):
-        noise = rng.normal(0.0, 0.02, (len(seen), 1)) / np.linalg.norm(seen, axis=1, keepdims=True)
-        update = slam.add_scan(k * 100_000_000, seen * (1 + noise))
-        found.append(update.T_map_sensor[:3, 3])
-        keyframes.append(update.keyframes)
-    assert np.linalg.norm(np.mean(found[-100:], axis=0) - np.mean(found[:100], axis=0)) < 0.005
-    assert np.linalg.norm(found, axis=1).max() < 0.04
-    assert keyframes[-1] <= keyframes[200] + 1
-    trajectory = slam.finish().trajectory_map
-    assert len(trajectory) == 400 and np.abs(trajectory.positions).max() < 0.04

@@ -52,15 +52,6 @@ def rosette(fast: float, slow: float) -> Array:
     return looking(np.stack([np.cos(off), np.sin(off) * np.cos(around), np.sin(off) * np.sin(around)], axis=1))
 
 
-def dome(turns: float) -> Array:
-    """(N, 3) by four lasers, fired in turn, that go around while they go up and down."""
-    laser = np.arange(20_000) % 4
-    share = (np.arange(20_000) - laser) / 20_000
-    azimuth = 2 * np.pi * turns * share + 0.05 * laser
-    e = np.radians(22 + 29 * np.sin(2 * np.pi * 37.3 * share + 0.4 * laser))
-    return looking(np.stack([np.cos(e) * np.cos(azimuth), np.cos(e) * np.sin(azimuth), np.sin(e)], axis=1))
-
-
 def ring_of(points: Array) -> Ints:
     """(N,) degrees of elevation."""
     return np.rint(np.degrees(np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1])))).astype(int)
@@ -108,7 +99,7 @@ def test_a_scan_of_less_or_more_than_a_turn(turns: float, told: bool) -> None:
         assert guessed_times(points, PERIOD) is None
 
 
-OTHERS = {"rosette": rosette(22.6, 13.7), "rosette back": rosette(40.2, -33.3), "dome": dome(6.7), "fast": dome(12.0)}
+OTHERS = {"rosette": rosette(22.6, 13.7), "rosette back": rosette(40.2, -33.3)}
 OTHERS["Mid-360"] = looking(sensor_named("Mid-360").rays(0)[0])
 
 

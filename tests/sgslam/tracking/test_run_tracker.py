@@ -45,23 +45,15 @@ class Recorded(ContinuousTimeOdometry):
         super().restore(state["own"])
 
 
-class Stateless(Recorded):
-    """One that cannot forget its scans."""
-
-    def state(self) -> dict[str, Any]:
-        raise NotImplementedError
-
-
 def tracked(steps: list[TrackingStep]) -> list[TrackedScan]:
     return [step for step in steps if isinstance(step, TrackedScan)]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", [Recorded, Stateless])
-def test_an_odometry_of_the_caller_never_gets_an_old_scan(kind: type[Recorded]) -> None:
+def test_an_odometry_of_the_caller_never_gets_an_old_scan() -> None:
     """After the sensor was carried elsewhere, it tracks as the one of the settings does: from the beginning. Lists
     serve as arrays."""
-    odometry, steps = kind(), list[TrackingStep]()
+    odometry, steps = Recorded(), list[TrackingStep]()
     tracker = RunTracker(Config(), odometry)
     for stamp_ns, points in carried_off():
         steps += tracker.track(stamp_ns, points, [0.0] * len(points))  # type: ignore[arg-type]
@@ -69,9 +61,9 @@ def test_an_odometry_of_the_caller_never_gets_an_old_scan(kind: type[Recorded]) 
     steps += tracker.release()
     assert all(a < b for a, b in pairwise(odometry.stamps)) and odometry.stamps[-1] == 57 * SCAN_NS
     begins = [step.since_ns for step in steps if isinstance(step, CarriedElsewhere)]
-    assert begins == ([odometry.stamps[0]] if kind is Recorded else [])
+    assert begins == [odometry.stamps[0]]
     there = np.stack([step.T_odom_sensor[:3, 3] for step in tracked(steps[-30:])])
-    assert not begins or (len(there) == 30 and np.linalg.norm(np.diff(there, axis=0), axis=1).max() < 0.06)
+    assert len(there) == 30 and np.linalg.norm(np.diff(there, axis=0), axis=1).max() < 0.06
 
 
 @functools.cache
@@ -82,10 +74,10 @@ def way() -> tuple[list[Array], list[Array]]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("with_pose", [range(25, 50), range(25), [*range(20), *range(35, 50)], range(0, 50, 3)])
+@pytest.mark.parametrize("with_pose", [range(25, 50), [*range(20), *range(35, 50)]])
 @pytest.mark.parametrize("given", ["exact", "measured"])
 def test_poses_for_some_scans_are_measured_or_refused_and_odom_never_jumps(with_pose: list[int], given: Given) -> None:
-    """They begin late, end early, have a gap or are every third, 100 m off. A restored tracker goes on alike."""
+    """They begin late or have a gap, 100 m off. A restored tracker goes on alike."""
     (poses, scans), elsewhere = way(), pose(100.0, -50.0, 3.0, 2.0)
     config = Config(odometry=OdometrySettings(given=given))
     trackers, steps, kept = [RunTracker(config)], (list[TrackingStep](), list[TrackingStep]()), list[int]()
