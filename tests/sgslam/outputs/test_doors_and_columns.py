@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 from two_rooms_seen import (
     BOTH,
-    COLUMN,
     FAR,
-    FAR_ROOM,
     FILLED,
     HEIGHT,
     JAMBS,
@@ -53,8 +51,7 @@ def the_column(*built: Floats, places: Places = BOTH, tolerance: float = 0.01) -
     return judged("column", own, (WALL, *built), places, tolerance)
 
 
-@pytest.mark.parametrize("across", [0.0, 0.1])
-@pytest.mark.parametrize("along", [0.1, -0.1, 0.3])
+@pytest.mark.parametrize(("along", "across"), [(0.1, 0.0), (-0.1, 0.1), (0.3, 0.1)])
 def test_a_displaced_door_is_moved_by_so_much_along_its_wall(along: float, across: float) -> None:
     """Also in a wall that is itself off its place."""
     found = door(wall_with_door(along, across))
@@ -63,10 +60,7 @@ def test_a_displaced_door_is_moved_by_so_much_along_its_wall(along: float, acros
     assert found.offset_m * found.direction[1] == pytest.approx(along, abs=0.015)
 
 
-@pytest.mark.parametrize(
-    ("shift", "places"),
-    [((0.1, 0.0), BOTH), ((0.0, -0.1), BOTH), ((-0.3, 0.1), BOTH), ((-0.1, 0.0), LEFT), ((0.1, 0.0), LEFT)],
-)
+@pytest.mark.parametrize(("shift", "places"), [((0.0, -0.1), BOTH), ((-0.3, 0.1), BOTH), ((0.1, 0.0), LEFT)])
 def test_a_displaced_column_is_moved_by_that_vector(shift: tuple[float, float], places: Places) -> None:
     found = the_column(column(*shift), places=places)
     assert found.verdict == "moved" and found.conclusive
@@ -75,7 +69,6 @@ def test_a_displaced_column_is_moved_by_that_vector(shift: tuple[float, float], 
 
 
 def test_within_the_tolerance_both_are_as_planned() -> None:
-    assert door(WALL).verdict == the_column(column()).verdict == "as planned"
     off = wall_with_door(0.03), column(0.03, 0.0)
     assert door(off[0]).verdict == the_column(off[1]).verdict == "moved"
     for within in (door(off[0], tolerance=0.05), the_column(off[1], tolerance=0.05)):
@@ -85,7 +78,6 @@ def test_within_the_tolerance_both_are_as_planned() -> None:
 def test_a_filled_door_is_absent_if_seen_from_both_sides() -> None:
     found = door(WALL, FILLED)
     assert found.verdict == "absent" and found.conclusive
-    assert door(wall_with_door(0.0, 0.1), np.add(FILLED, [0.1, 0.0, 0.0])).verdict == "absent"
 
 
 SHELF = box((NEAR - 0.4, JAMBS[1] + 0.05, 0.0), (NEAR - 0.01, JAMBS[1] + 0.9, 1.8))
@@ -99,30 +91,22 @@ SCREEN = box((NEAR - 0.5, -3.0, 0.0), (NEAR - 0.4, 3.0, HEIGHT))
         # from one side the planned leaf decides whether it is filled
         ((WALL, FILLED), NEAR_ROOM, 0.08, {"absent"}),
         ((WALL, FILLED), NEAR_ROOM, 0.0, {"uncertain"}),
-        ((WALL, FILLED), NEAR_ROOM, None, {"uncertain"}),
         # a closed leaf is no wall: set back, or flush and seen from behind too; alone from the front it is undecided
         ((WALL, leaf(0.08)), NEAR_ROOM, 0.08, SAME),
         ((WALL, leaf()), BOTH, 0.0, SAME),
-        ((WALL, leaf()), FAR_ROOM, 0.0, SAME),
         ((WALL, leaf()), NEAR_ROOM, 0.0, {"uncertain"}),
         # what stands before the wall does not move the door; what hides it leaves it undecided
         ((WALL, SHELF, PERSON), BOTH, None, SAME),
         ((WALL, SCREEN), NEAR_ROOM, None, {"not seen"}),
         ((WALL,), NEAR_ROOM[:2], None, {"not seen"}),
         # an open leaf neither moves nor fills it
-        *(((WALL, leaf(0.0, a)), p, 0.0, UNDECIDED) for a in (20.0, 45.0, 75.0) for p in (BOTH, NEAR_ROOM, FAR_ROOM)),
+        *(((WALL, leaf(0.0, a)), p, 0.0, UNDECIDED) for a, p in ((20.0, BOTH), (75.0, NEAR_ROOM))),
     ],
 )
 def test_what_stands_in_or_before_a_door(
     built: tuple[Floats, ...], places: Places, set_back: float | None, expected: set[str]
 ) -> None:
     assert door(*built, places=places, elements=planned(set_back)).verdict in expected
-
-
-def test_a_displaced_door_with_a_closed_leaf_is_moved() -> None:
-    found = door(wall_with_door(0.1), np.add(leaf(0.08), [0.0, 0.1, 0.0]), elements=planned(0.08))
-    assert found.verdict == "moved" and found.offset_m is not None
-    assert abs(found.offset_m) == pytest.approx(0.1, abs=0.015)
 
 
 def test_a_door_goes_with_its_absent_wall_and_is_not_judged_without_one() -> None:
@@ -133,19 +117,17 @@ def test_a_door_goes_with_its_absent_wall_and_is_not_judged_without_one() -> Non
 
 @pytest.mark.parametrize("along", [0.0, 0.1])
 def test_frames_narrow_a_door_but_do_not_displace_it(along: float) -> None:
-    """At both jambs alike, or at one."""
+    """At both jambs alike."""
     starts = [jamb + along for jamb in (JAMBS[0], JAMBS[1] - 0.06)]
     frames = [box((NEAR, start, 0.0), (FAR, start + 0.06, LINTEL)) for start in starts]
-    for own in (frames, frames[:1]):
-        found = door(wall_with_door(along), *own)
-        assert found.verdict in ({"moved", "uncertain"} if along else {"as planned", "uncertain"})
-        assert found.offset_m is not None and found.sigma_m is not None
-        assert abs(found.offset_m) == pytest.approx(along, abs=2 * found.sigma_m + 0.01)
+    found = door(wall_with_door(along), *frames)
+    assert found.verdict in ({"moved", "uncertain"} if along else {"as planned", "uncertain"})
+    assert found.offset_m is not None and found.sigma_m is not None
+    assert abs(found.offset_m) == pytest.approx(along, abs=2 * found.sigma_m + 0.01)
 
 
-@pytest.mark.parametrize("places", [BOTH, LEFT])
-def test_a_column_that_is_seen_through_is_absent(places: Places) -> None:
-    found = the_column(places=places)
+def test_a_column_that_is_seen_through_is_absent() -> None:
+    found = the_column(places=LEFT)
     assert found.verdict == "absent" and found.conclusive
 
 
@@ -153,16 +135,9 @@ def test_things_before_a_column_do_not_move_it() -> None:
     person = box((0.1, 1.2, 0.0), (0.35, 1.65, 1.8))
     shelf = box((0.1, 0.8, 0.0), (0.35, 2.0, 2.0))
     assert the_column(column(), person).verdict == "as planned"
-    for thing in (person, shelf):
-        assert the_column(column(), thing, places=LEFT).verdict in UNDECIDED
+    assert the_column(column(), shelf, places=LEFT).verdict in UNDECIDED
 
 
 def test_a_hidden_column_is_not_seen() -> None:
     screen = box((-0.1, -3.0, 0.0), (-0.05, 3.0, HEIGHT))
     assert the_column(column(), screen, places=LEFT).verdict == "not seen"
-    cladding = box((COLUMN[0] - 0.2, -3.0, 0.0), (COLUMN[0] + 0.2, 3.0, HEIGHT))
-    assert the_column(column(), cladding, places=LEFT).verdict in ("not seen", "uncertain")
-    inside = PlannedElement("inside", "IfcColumn", "", "", "solid", box((3.05, 1.4, 0.0), (3.15, 1.5, HEIGHT)))
-    own = [element for element in planned() if element.kind == "solid" and element.global_id != "column"]
-    beside = box((2.8, 1.4, 0.0), (2.9, 1.5, HEIGHT))  # of the wall in which it stands
-    assert judged("inside", [*own, inside], (WALL, beside), BOTH, 0.01).verdict == "not seen"
