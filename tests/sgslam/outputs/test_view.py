@@ -61,14 +61,15 @@ def pose_of(handle: Any) -> Array:
 
 @pytest.mark.slow
 def test_the_page_follows_the_run_which_is_the_same_and_draws_matched_walls_at_planned_ones(
-    page: Page, monkeypatch: pytest.MonkeyPatch
+    page: Page, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(live_view, "EVERY_S", 0.0)
     monkeypatch.setattr(live_view, "SHARE", 0.5)
     drive, headings = small_drive(), []
     view, slam = LiveView(page, drive.bim.graph, drive.truth), SceneGraphSlam(drive.bim)
     for k, (stamp_ns, points) in enumerate(drive.scans):
-        view.add_scan(slam, slam.add_scan(stamp_ns, points, np.zeros(len(points))), points)
+        update = slam.add_scan(stamp_ns, points, np.zeros(len(points)))
+        view.add_scan(slam, update, points)
         if k % 20 == 0:
             view.wait()
             headings.append(str(view.panel.status.content))
@@ -84,22 +85,10 @@ def test_the_page_follows_the_run_which_is_the_same_and_draws_matched_walls_at_p
     off = np.abs(walls[:, :, :2] @ planes[:, :2].T + planes[:, 2])
     assert len(walls) > 6 and off.max(axis=1).min(axis=1).max() < 0.1
     assert np.abs(walls[..., 2] - 43.0).max() < 0.2  # the floor's height
-
-
-def test_a_page_that_cannot_be_drawn_does_not_end_the_run(
-    page: Page, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    """Until then a map without a plan is shown as it grows."""
-    monkeypatch.setattr(live_view, "EVERY_S", 0.0)
-    monkeypatch.setattr(live_view, "SHARE", 1.0)
-    view, slam = LiveView(page), SceneGraphSlam()
-    for k, (stamp_ns, points) in enumerate(small_drive().scans[:45]):  # they wait until it is known where up is
-        if k == 40:
-            assert {"/map/floor-0/walls/unmatched", "/map/floor-0/scans/k0"} <= page.names
-            monkeypatch.setattr(page, "lines", lambda *_, **__: 1 / 0)
-        view.add_scan(slam, slam.add_scan(stamp_ns, points, np.zeros(len(points))), points)
-        view.wait()
-    view.stop()
+    monkeypatch.setattr(page, "lines", lambda *_, **__: 1 / 0)
+    failing = LiveView(page)
+    failing.add_scan(slam, update, points)
+    failing.stop()
     assert "no longer updated: ZeroDivisionError" in caplog.text
 
 
@@ -112,9 +101,6 @@ def test_a_finished_run_is_played(page: Page, anchored_run: Path) -> None:
     scan = int(np.searchsorted(run.trajectory_map.stamps_ns - run.trajectory_map.stamps_ns[0], 5e9))
     assert np.allclose(page["/map/sensor"].position, run.trajectory_map.positions[scan], atol=0.05)
     assert 0 < sum(page[name].visible for name in clouds) < len(clouds)
-    T = pose_of(page["/map"])
-    T[:3, 3] += page.origin
-    assert np.allclose(T, run.folder.T_bim_map, atol=1e-3)
 
 
 def test_storeys_layers_runs_and_the_lift_are_switched(page: Page, two_storeys: Path, anchored_run: Path) -> None:
