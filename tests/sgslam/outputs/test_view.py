@@ -1,6 +1,7 @@
 """A run as a page in the browser: what it shows is where it belongs, and the run is the same as without it."""
 
 import json
+import shutil
 import signal
 import socket
 import subprocess
@@ -9,19 +10,16 @@ from collections.abc import Iterator
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import chromium
 import numpy as np
 import pytest
-from boxes import Array
 from chromium import Chromium
 from commands import refused
 from drives import small_drive, small_run
 
 from data.scene_graph import Floor, SceneGraph
 from data.trajectory import Trajectory
-from sgslam.geometry.frames import transform_points
 from sgslam.slam import SceneGraphSlam
 from sgslam.viewer import live as live_view
 from sgslam.viewer.finished import FinishedRun, FinishedView
@@ -43,26 +41,18 @@ def page() -> Iterator[Page]:
 @pytest.fixture
 def two_storeys(anchored_run: Path, tmp_path: Path) -> Path:
     """The folder of an anchored run, in whose plan there is one more storey; it may be changed."""
-    for path in (anchored_run / "out").iterdir():
-        (tmp_path / path.name).symlink_to(path)
-    plan = SceneGraph.load(tmp_path / "a_graph.json")
+    folder = Path(shutil.copytree(anchored_run / "out", tmp_path / "out"))
+    plan = SceneGraph.load(folder / "a_graph.json")
     attic, upper = replace(plan.rooms[0], id="attic", floor="upper"), Floor("upper", "Upper", 46.0)
-    plan = replace(plan, rooms=(*plan.rooms, attic), floors=(*plan.floors, upper))
-    (tmp_path / "a_graph.json").unlink()
-    plan.save(tmp_path / "a_graph.json")
-    return tmp_path
-
-
-def pose_of(handle: Any) -> Array:
-    import viser.transforms as vt
-
-    return np.asarray(vt.SE3.from_rotation_and_translation(vt.SO3(handle.wxyz), handle.position).as_matrix())
+    replace(plan, rooms=(*plan.rooms, attic), floors=(*plan.floors, upper)).save(folder / "a_graph.json")
+    return folder
 
 
 @pytest.mark.slow
 def test_the_page_follows_the_run_which_is_the_same_and_draws_matched_walls_at_planned_ones(
     page: Page, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
+    vt = pytest.importorskip("viser.transforms")
     monkeypatch.setattr(live_view, "EVERY_S", 0.0)
     monkeypatch.setattr(live_view, "SHARE", 0.5)
     drive, headings = small_drive(), []
@@ -80,7 +70,8 @@ def test_the_page_follows_the_run_which_is_the_same_and_draws_matched_walls_at_p
     assert "Not anchored yet" in headings[0] and any("Anchored, on Ground" in heading for heading in headings)
     assert {"/plan/Ground/plan/walls", "/matches/floor-0", "/map/scan", "/map/sensor", "/truth"} <= page.names
     feet = page["/map/floor-0/walls/matched-feet"].points
-    walls = transform_points(pose_of(page["/map"]), feet) + page.origin
+    turn = vt.SO3(page["/map"].wxyz).as_matrix()
+    walls = feet @ turn.T + page["/map"].position + page.origin
     planes = np.array([(*w.normal, -np.dot(w.normal, w.centroid)) for w in drive.bim.graph.wall_surfaces])
     off = np.abs(walls[:, :, :2] @ planes[:, :2].T + planes[:, 2])
     assert len(walls) > 6 and off.max(axis=1).min(axis=1).max() < 0.1
@@ -125,7 +116,6 @@ def test_places_that_are_possible_are_listed_with_their_shares(page: Page, two_s
     matches |= {"status": "ambiguous", "hypotheses": [matches["hypotheses"][0], other]}
     metrics = json.loads((two_storeys / "metrics.json").read_text()) | {"T_bim_map": None}
     for name, told in (("matches", matches), ("metrics", metrics)):
-        (two_storeys / f"{name}.json").unlink()
         (two_storeys / f"{name}.json").write_text(json.dumps(told))
     run = FinishedRun(two_storeys)
     FinishedView(page, [run])
