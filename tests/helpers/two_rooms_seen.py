@@ -31,13 +31,11 @@ def wall_with_door(along: float = 0.0, across: float = 0.0) -> Floats:
     """The wall between the rooms, with its door displaced along it, and the whole displaced across."""
     start, end = (jamb + along for jamb in JAMBS)
     low, high = NEAR + across, FAR + across
-    return triangles_of(
-        [
-            (low, -3.0, 0.0, high, start, HEIGHT),
-            (low, end, 0.0, high, 3.0, HEIGHT),
-            (low, start, LINTEL, high, end, HEIGHT),
-        ]
-    )
+    pieces = [(low, -3.0, 0.0, high, start, HEIGHT), (low, end, 0.0, high, 3.0, HEIGHT)]
+    return triangles_of([*pieces, (low, start, LINTEL, high, end, HEIGHT)])
+
+
+WALL = wall_with_door()
 
 
 def column(x: float = 0.0, y: float = 0.0) -> Floats:
@@ -54,18 +52,10 @@ def leaf(set_back: float = 0.0, degrees: float = 0.0) -> Floats:
     return (shut - hinge) @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + hinge
 
 
-FILLED = box((NEAR, JAMBS[0], 0.0), (FAR, JAMBS[1], LINTEL))
-_LOW, _HIGH = (-3.2, -3.2, -0.2), (8.2, 3.2, HEIGHT + 0.2)
-SHELL = np.concatenate(
-    [  # four walls, floor, ceiling
-        box(
-            tuple(_HIGH[k] - 0.2 if k == axis and upper else _LOW[k] for k in range(3)),
-            tuple(_LOW[k] + 0.2 if k == axis and not upper else _HIGH[k] for k in range(3)),
-        )
-        for axis in range(3)
-        for upper in (False, True)
-    ]
-)
+_SIDES = [(x, x + 0.2, -3.2, 3.2, -0.2, 3.0) for x in (-3.2, 8.0)]
+_SIDES += [(-3.2, 8.2, y, y + 0.2, -0.2, 3.0) for y in (-3.2, 3.0)]
+_SIDES += [(-3.2, 8.2, -3.2, 3.2, z, z + 0.2) for z in (-0.2, HEIGHT)]
+SHELL = np.concatenate([box((x, y, z), (to_x, to_y, to_z)) for x, to_x, y, to_y, z, to_z in _SIDES])
 
 
 def views_of(*built: Floats, places: Places = BOTH) -> list[View]:

@@ -11,29 +11,22 @@ from commands import refused
 from drives import small_drive, small_run
 from numpy.typing import NDArray
 
-from data.common.errors import UserError
 from data.plans.elements import PlannedElement
 from sgslam.as_built.elements.files import PICTURES
 from sgslam.cloud_to_model import distances_to_model, load_open3d
 from sgslam.cloud_to_model.files import CLOUD, HISTOGRAM, TABLE, write_cloud_to_model
-from sgslam.cloud_to_model.pictures import GREY
 from sgslam.slam import SceneGraphSlam
 
 Array = NDArray[np.float64]
 needs_open3d = pytest.mark.skipif(find_spec("open3d") is None, reason="needs the extra open3d")
 ORIGIN = np.array([500_000.0, 4_000_000.0, 100.0])  # a site in national coordinates
-THICK = 0.2
-
-
-def body(low: tuple[float, float, float], high: tuple[float, float, float], inwards: bool = False) -> Array:
-    """(12, 3, 3) a box, with the normals of its faces outwards or inwards."""
-    box = trimesh.creation.box(bounds=[low, high])
-    triangles = np.asarray(box.triangles) + ORIGIN
-    return triangles[:, ::-1] if inwards else triangles
 
 
 def wall(inwards: bool = False) -> PlannedElement:
-    return PlannedElement("w1", "IfcWall", "Wall", "EG", "solid", body((3, -2, 0), (3 + THICK, 2, 2.6), inwards))
+    """With the normals of its faces outwards or inwards."""
+    box = trimesh.creation.box(bounds=[(3.0, -2.0, 0.0), (3.2, 2.0, 2.6)])
+    triangles = np.asarray(box.triangles) + ORIGIN
+    return PlannedElement("w1", "IfcWall", "Wall", "EG", "solid", triangles[:, ::-1] if inwards else triangles)
 
 
 def seen_from_the_left(offset: float) -> tuple[Array, Array]:
@@ -46,22 +39,15 @@ def seen_from_the_left(offset: float) -> tuple[Array, Array]:
 
 @needs_open3d
 @pytest.mark.parametrize("inwards", [False, True])
-@pytest.mark.parametrize("offset", [-0.25, -0.02, 0.02, 0.15, 0.25])
+@pytest.mark.parametrize("offset", [-0.25, 0.02, 0.25])
 def test_the_distance_is_from_the_face_that_the_sensor_saw(offset: float, inwards: bool) -> None:
     """Also where the wall stands off by more than its thickness, and whichever way the model turns its faces."""
     found = distances_to_model(*seen_from_the_left(offset), [wall(inwards)], 0.3)
     np.testing.assert_allclose(found.distance, -offset, atol=1e-4)
     assert found.compared.all() and set(found.side) == {3}  # towards -x
-
-
-@needs_open3d
-def test_beyond_the_reach_and_at_openings_there_is_nothing_to_compare_with() -> None:
-    points, towards = seen_from_the_left(-0.25)
-    assert not distances_to_model(points, towards, [wall()], 0.24).compared.any()
     opening = PlannedElement("d1", "IfcDoor", "Door", "EG", "opening", wall().triangles)
-    found = distances_to_model(points, towards, [opening], 0.3)
-    assert not found.compared.any() and np.isnan(found.distance).all()
-    assert distances_to_model(points, towards, [opening, wall()], 0.3).element.tolist() == [1] * len(points)
+    for elements, reach in (([wall(inwards)], 0.01), ([opening], 0.3)):
+        assert not distances_to_model(*seen_from_the_left(offset), elements, reach).compared.any()
 
 
 @needs_open3d
@@ -80,8 +66,6 @@ def test_the_files_say_the_same(tmp_path: Path) -> None:
     assert (tmp_path / element["heat_map"]).read_bytes().startswith(b"\x89PNG")
     cloud = trimesh.load(tmp_path / CLOUD)
     np.testing.assert_allclose(np.asarray(cloud.vertices), found.points, atol=1e-6)
-    shown = np.asarray(cloud.colors)[:, :3]
-    assert (shown[len(near) :] == GREY).all() and (shown[: len(near), 2] > shown[: len(near), 0]).all()  # blue: behind
     kept = cloud.metadata["_ply_raw"]["vertex"]["data"]["distance"]
     np.testing.assert_allclose(kept, found.distance, atol=1e-6)
 
@@ -96,29 +80,9 @@ def test_a_run_as_geometries_and_a_scan_as_a_cloud() -> None:
     inside = ((np.asarray(cloud.points) > low) & (np.asarray(cloud.points) < high)).all(axis=1)
     assert inside.mean() > 0.9
     stamp, points = next(iter(small_drive().scans))
-    legacy = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
-    tensor = o3d.t.geometry.PointCloud(o3d.core.Tensor(points))
-    poses = [SceneGraphSlam().add_scan(stamp, given).T_map_sensor for given in (points, legacy, tensor)]
+    cloud = o3d.t.geometry.PointCloud(o3d.core.Tensor(points))
+    poses = [SceneGraphSlam().add_scan(stamp, given).T_map_sensor for given in (points, cloud)]
     np.testing.assert_array_equal(poses[0], poses[1])
-    np.testing.assert_array_equal(poses[0], poses[2])
-
-
-@needs_open3d
-def test_an_exported_run_is_shown_in_its_colours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from sgslam.cli.show import main, scene_of
-    from sgslam.report import RunFolder
-
-    small_run(with_bim=True)[1].save(tmp_path)
-    plain = np.asarray(scene_of(RunFolder.read(tmp_path))[0].colors)
-    assert len(np.unique(plain, axis=0)) == 1
-    near, towards = seen_from_the_left(0.02)
-    write_cloud_to_model(tmp_path, distances_to_model(near, towards, [wall()], 0.3), [wall()], 0.03)
-    shown = scene_of(RunFolder.read(tmp_path))[0]
-    assert len(shown.points) == len(near)
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
-    with pytest.raises(UserError, match="no display; 'sgslam view"):
-        main([str(tmp_path)])
 
 
 def test_without_the_model_or_the_library_the_export_is_refused(anchored_run: Path) -> None:

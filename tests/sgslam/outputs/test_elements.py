@@ -13,10 +13,10 @@ from two_rooms_seen import Floats, box
 from data.common.errors import UserError
 from data.geometry.raycast import TriangleScene
 from data.plans.elements import PlannedElement
-from data.scene_graph import SceneGraph, WallSurface
+from data.scene_graph import SceneGraph
 from sgslam.as_built.agreement import agreed
 from sgslam.as_built.deviation_entries import Deviation
-from sgslam.as_built.elements import ElementVerdict, Verdict, element_verdicts
+from sgslam.as_built.elements import ElementVerdict, element_verdicts
 from sgslam.as_built.elements.files import PICTURES, picture_of, write_elements
 from sgslam.as_built.elements.sightings import View
 from sgslam.as_built.elements.tolerance_classes import angle_compliance, angle_limit, loa_class, parse_length
@@ -52,24 +52,15 @@ def wall(views: list[View], tolerance: float = 0.01) -> ElementVerdict:
     return judged(views, tolerance)["wall"]
 
 
-@pytest.mark.parametrize("shift", [0.2, -0.03, 0.03])
-def test_a_wall_that_stands_elsewhere_is_moved_by_what_it_is_moved(shift: float) -> None:
-    found = wall(views_of(np.add(WALL, [shift, 0.0, 0.0]), FAR))
-    assert found.verdict == "moved" and found.conclusive
-    assert found.offset_m is not None and found.direction is not None
-    assert found.offset_m * found.direction[0] == pytest.approx(shift, abs=0.006)
-
-
 @pytest.mark.parametrize(
     ("shift", "sigma", "tolerance", "told", "conclusive"),
     [
-        (0.0, 0.002, 0.01, "as planned", True),
-        (0.03, 0.002, 0.05, "as planned", True),
+        (-0.03, 0.002, 0.05, "as planned", True),
+        (-0.03, 0.002, 0.01, "moved", True),
+        (0.2, 0.002, 0.01, "moved", True),
         (0.03, 0.02, 0.01, "uncertain", False),
-        (0.0, 0.02, 0.01, "uncertain", False),
         (0.015, 0.006, 0.01, "moved", False),
         (0.006, 0.006, 0.01, "as planned", False),
-        (0.1, 0.02, 0.01, "moved", True),
     ],
 )
 def test_the_likelier_side_of_the_tolerance_is_told_and_whether_it_is_sure(
@@ -78,6 +69,8 @@ def test_the_likelier_side_of_the_tolerance_is_told_and_whether_it_is_sure(
     views = [replace(view, sigma=sigma) for view in views_of(np.add(WALL, [shift, 0.0, 0.0]), FAR)]
     found = wall(views, tolerance)
     assert (found.verdict, found.conclusive) == (told, conclusive)
+    assert found.offset_m is not None and found.direction is not None
+    assert found.offset_m * found.direction[0] == pytest.approx(shift, abs=0.006)
 
 
 def test_seen_through_is_absent_and_hidden_is_not_seen() -> None:
@@ -96,13 +89,6 @@ def test_a_wall_that_no_ray_passes_is_not_absent(nearest: float, furthest: float
         behind = np.random.default_rng(k).uniform(nearest, furthest, ranges.shape)
         views.append(replace(view, points=(view.points * (1 + behind / ranges)).astype(np.float32)))
     assert wall(views).verdict in ("uncertain", "not seen", "moved")
-
-
-def test_what_stands_before_a_wall_does_not_move_it() -> None:
-    shelf = box((2.8, -1.0, 0.0), (2.9, 1.0, 1.6))
-    assert wall(views_of(WALL, shelf, FAR)).verdict == "as planned"
-    whole = box((2.8, -3.0, 0.0), (2.9, 3.0, 2.6))
-    assert wall(views_of(WALL, whole, FAR)).verdict != "moved"
 
 
 @pytest.mark.parametrize(("half_width", "told"), [(0.4, "moved"), (0.8, "uncertain")])
@@ -125,7 +111,6 @@ def test_the_files_have_a_row_for_each_element(tmp_path: Path) -> None:
     told = json.loads((tmp_path / "elements.json").read_text())
     assert told["counts"]["not seen"] == 1
     assert sorted(map(tuple, told["elements"][0]["outline"])) == [(3.0, -3.0), (3.0, 3.0), (3.2, -3.0), (3.2, 3.0)]
-    assert rows[0]["direction (x y z)"] == "1.000 0.000 0.000" and rows[2]["direction (x y z)"] == ""
     assert rows[0]["LOA"] == told["elements"][0]["loa"] == "LOA30" and rows[0]["DIN 18202 limit (m)"] == "0.012"
     openpyxl = pytest.importorskip("openpyxl", reason="the extra [office] is not installed")
     sheet = openpyxl.load_workbook(tmp_path / "elements.xlsx").active
@@ -133,15 +118,11 @@ def test_the_files_have_a_row_for_each_element(tmp_path: Path) -> None:
     assert [bool(row[-1].hyperlink) for row in sheet] == [False, False, True, False]
 
 
-@pytest.mark.parametrize("text", ["15mm", "0.015", "15 mm", "1.5cm", "0.015 m"])
-def test_a_tolerance_is_a_length(text: str) -> None:
-    assert parse_length(text) == pytest.approx(0.015)
-
-
-@pytest.mark.parametrize("text", ["15", "-1mm", "0", "mm", "15 inches", "nan", "1,5cm", "0.9mm", "201mm"])
-def test_another_tolerance_is_refused(text: str) -> None:
-    with pytest.raises(UserError, match="--tolerance"):
-        parse_length(text)
+def test_a_tolerance_is_a_length() -> None:
+    assert [parse_length(text) for text in ("15mm", "0.015", "1.5cm", "0.015 m")] == pytest.approx([0.015] * 4)
+    for text in ("-1mm", "15 inches", "nan", "0.9mm", "201mm"):
+        with pytest.raises(UserError, match="--tolerance"):
+            parse_length(text)
 
 
 def test_limits_of_the_classes_are_those_of_their_standards() -> None:
@@ -152,13 +133,11 @@ def test_limits_of_the_classes_are_those_of_their_standards() -> None:
     assert [angle_limit(metres) for metres in lengths] == limits
     kept = ["kept", "exceeded", "uncertain", "uncertain"]
     assert [angle_compliance(d, 0.003, 0.012) for d in (0.0, -0.02, 0.011, -0.017)] == kept
-    off = views_of(np.add(WALL, [0.03, 0.0, 0.0]), FAR)  # of the measurement, not of the offset
-    assert [wall(own).loa for own in (off, [replace(view, sigma=0.02) for view in off])] == ["LOA30", "LOA20"]
 
 
-@pytest.mark.parametrize("angle", [0.01, -0.01])
-def test_a_turned_wall_breaks_the_limit_for_its_length(angle: float) -> None:
+def test_a_turned_wall_breaks_the_limit_for_its_length() -> None:
     """6 m, turned by 10 mrad: its ends lie 60 mm apart across, of which DIN 18202 allows 12."""
+    angle = -0.01
     c, s = np.cos(angle), np.sin(angle)
     turned = (WALL - [3.1, 0.0, 0.0]) @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + [3.1, 0.0, 0.0]
     views = views_of(turned, FAR)
@@ -168,14 +147,7 @@ def test_a_turned_wall_breaks_the_limit_for_its_length(angle: float) -> None:
     assert (found.din_18202, found.din_18202_limit_m) == ("exceeded", 0.012)
     loose = [replace(view, sigma_heading=0.01) for view in views]  # headings that could make the turn
     assert wall(loose).din_18202 == "uncertain"
-    lost = wall([replace(view, sigma_heading=np.inf) for view in views])
-    assert lost.turn_rad is None and lost.verdict == wall(loose).verdict
-
-
-def test_only_walls_have_a_limit() -> None:
-    slab = [replace(element, ifc_class="IfcSlab") for element in ELEMENTS]
-    found = element_verdicts(slab, views_of(WALL, FAR), SceneGraph("bim"), 0.01, 0.004)[0]
-    assert found.verdict == "as planned" and found.din_18202 is None and found.din_18202_limit_m is None
+    assert wall([replace(view, sigma_heading=np.inf) for view in views]).turn_rad is None
 
 
 def deviation(source: str, kind: str, significant: bool = True) -> Deviation:
@@ -183,10 +155,9 @@ def deviation(source: str, kind: str, significant: bool = True) -> Deviation:
     return told | {"offset_m": 0.39, "tilt_rad": 0.0, "sigma_m": 0.01}  # type: ignore[return-value]
 
 
-@pytest.mark.parametrize("told", ["as planned", "moved", "uncertain", "absent", "not seen"])
-def test_a_wall_that_stands_as_planned_is_not_significantly_moved(told: Verdict) -> None:
-    whole = verdict("w1", "Wall", told, WallSurface("s", None, (0.0, 0.0), (1.0, 0.0), 2.0))
-    (own,) = agreed([deviation("w1", "moved")], [whole])
-    assert own["significant"] is (told != "as planned") and own["offset_m"] == 0.39
+def test_a_wall_that_stands_as_planned_is_not_significantly_moved() -> None:
+    for told in ("as planned", "moved", "absent"):
+        (own,) = agreed([deviation("w1", "moved")], [verdict("w1", told)])  # type: ignore[arg-type]
+        assert own["significant"] is (told != "as planned")
     others = [deviation("w1", "moved", False), deviation("w2", "moved"), deviation("w1", "absent")]
-    assert agreed(others, [whole]) == others and agreed(others, []) == others
+    assert agreed(others, [verdict("w1", "as planned")]) == others
