@@ -189,15 +189,3 @@ def test_damage_is_read_or_refused(reader: Reader, tmp_path: Path, pytestconfig:
             assert "\n" not in str(error)
 
     check()
-
-
-def test_a_reader_that_never_ends_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(globals(), "SECONDS", 0.1)
-    with pytest.raises(StuckError), bounded():
-        try:
-            while True:
-                pass
-        except Exception:
-            pass
-    with pytest.raises(MemoryError), bounded():
-        bytearray(MEMORY + (1 << 30))

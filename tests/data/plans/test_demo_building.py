@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from dataclasses import replace
 from itertools import pairwise
 from math import dist
 from pathlib import Path
@@ -14,14 +13,9 @@ import shapely
 
 from data.common.errors import UserError
 from data.generation.demo_building import DEMO_STOREY, write_demo_building
-from data.geometry.raycast import TriangleScene
 from data.ifc.products import open_ifc
 from data.plans import Bim, load_bim
 from data.scene_graph import SceneGraph
-from data.simulation.occupancy import build_grid
-from data.simulation.route import plan_tour
-from data.simulation.storey_model import StoreyModel, load_storey
-from matching import Matcher
 
 STOREYS = ("Ground floor", "Upper floor")
 
@@ -36,11 +30,6 @@ def ifc(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def bim(ifc: Path) -> Bim:
     return load_bim(ifc, ifc.parent)
-
-
-@pytest.fixture(scope="module")
-def storeys(ifc: Path) -> dict[str, StoreyModel]:
-    return {name: load_storey(ifc, name) for name in STOREYS}
 
 
 def floor_of(graph: SceneGraph, name: str) -> SceneGraph:
@@ -69,33 +58,6 @@ def test_rooms_are_enclosed_by_their_surfaces_and_two_are_equal(ifc: Path, bim: 
         assert moved.symmetric_difference(shapely.Polygon(two.polygon)).area < 1e-6
         doors = [next(d for d in floor.doors if r.id in d.rooms).centroid[0] - r.centroid[0] for r in (one, two)]
         assert step[1] == pytest.approx(0.0, abs=1e-6) and doors[1] == pytest.approx(sign * doors[0], abs=1e-3)
-
-
-@pytest.mark.parametrize("name", STOREYS)
-def test_a_robot_can_enter_every_room(storeys: dict[str, StoreyModel], name: str) -> None:
-    grid = build_grid(storeys[name], TriangleScene(storeys[name].solid), 1.6)
-    legs = plan_tour(grid, 0.25, 99, 0.0, np.random.default_rng(0))
-    entered = {grid.rooms[k].long_name for k in grid.room_at(np.concatenate(legs)) if k >= 0}
-    assert entered == {label.long_name for label in grid.rooms}
-
-
-@pytest.mark.parametrize(
-    ("name", "seen"),
-    [
-        ("Ground floor", ("Corridor", "Office 2", "Workshop", "Store")),
-        ("Ground floor", ("Hall", "Cloakroom", "Meeting room", "Washroom")),
-        ("Upper floor", ("Corridor", "Office 3", "Break room", "Lecture room")),
-        ("Upper floor", ("Studio", "Office 6", "Corridor", "Server room")),
-    ],
-)
-def test_four_rooms_tell_where_one_is(bim: Bim, name: str, seen: tuple[str, ...]) -> None:
-    floor = floor_of(bim.graph, name)
-    rooms = tuple(replace(r, floor=None) for r in floor.rooms if r.name.split(" ", 1)[1] in seen)
-    kept = {r.id for r in rooms}
-    walls = tuple(replace(w, floor=None) for w in floor.wall_surfaces if w.room in kept)
-    result = Matcher.load("voting").match(SceneGraph("map", rooms, walls), bim.graph)
-    assert len(rooms) == 4 and result.status == "unique" and result.floor == floor.floors[0].id
-    assert np.allclose(result.T_a_s, 0.0, atol=0.02)
 
 
 @pytest.mark.slow

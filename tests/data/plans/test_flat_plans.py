@@ -73,11 +73,3 @@ def test_overlaps_doubles_outside_and_shafts_are_no_rooms(tmp_path: Path) -> Non
     shapes, kinds = (box(0, 0, 4, 3), box(0, 4, 4, 2), box(5, 0, 1.5, 1.5)), "bedroom Balcony shaft"
     assert [r.name for r in read(tmp_path, *shapes, kinds=kinds).rooms] == ["bedroom"]
     assert [r.name for r in read(tmp_path, *shapes, kinds=kinds, merge=False).rooms] == ["bedroom", "Balcony"]
-
-
-def test_reading_twice_gives_the_same_whatever_corner_is_the_first(tmp_path: Path) -> None:
-    ring = [(0, 0), (5, 0), (5, 2), (3, 2), (3, 4), (0, 4)]
-    first = read(tmp_path, ring)
-    assert first == read(tmp_path, ring)
-    turned = read(tmp_path, ring[3:] + ring[:3])
-    assert {w.centroid for w in turned.wall_surfaces} == {w.centroid for w in first.wall_surfaces}

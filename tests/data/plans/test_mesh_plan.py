@@ -13,13 +13,11 @@ from data.generation.buildings import generate_plan
 from data.generation.plan_mesh import HEIGHT, plan_triangles, write_plan_mesh
 from data.plans.mesh_files import read_triangles
 from data.plans.mesh_plan import read_mesh
-from data.plans.mesh_sections import mesh_solid, winding_numbers
 from data.scans.formats import read_points
 from data.scene_graph import Room, SceneGraph
 from data.simulation import Changes, SpinningSensor
 from data.simulation.simulate import simulate
 
-MESHES = Path(__file__).parents[3] / "../shared/data/meshes"
 BOXES = (  # two rooms of 4 x 4 m side by side and a doorway between them, under a lintel; a hole at the floor's edge
     (-0.2, -0.2, -0.2, 8.4, 4.2, 0.0), (-0.2, -0.2, 0.0, 8.4, 0.0, 2.6), (-0.2, 4.0, 0.0, 8.4, 4.2, 2.6),
     (-0.2, 0.0, 0.0, 0.0, 4.0, 2.6), (8.2, 0.0, 0.0, 8.4, 1.5, 2.6), (8.2, 2.5, 0.0, 8.4, 4.0, 2.6),
@@ -81,19 +79,6 @@ def test_a_generated_building_is_read_as_it_was_drawn(building: str, tmp_path: P
         plan_triangles(SceneGraph("bim", (Room("r", (0.0, 0.0)),), ()))
 
 
-def test_sections_hold_where_the_surface_has_holes_and_bodies_overlap() -> None:
-    body = trimesh.util.concatenate(
-        [trimesh.creation.box(bounds=[[0, 0, 0], [4, 1, 3]]), trimesh.creation.box(bounds=[[3, 0, 0], [4, 5, 3]])]
-    )
-    triangles = np.asarray(body.triangles)
-    whole = mesh_solid(triangles, "l").section(1.5)
-    assert np.isclose(whole.area, 4 + 5 - 1) and whole.contains(shapely.Point(3.5, 0.5))
-    capless = triangles[np.abs(body.face_normals[:, 2]) < 0.5]  # neither tops nor bottoms
-    assert np.isclose(mesh_solid(capless, "l").section(1.5).area, 8.0)
-    inside, outside = winding_numbers(triangles, np.array([[1.0, 0.5, 1.0], [1.0, 2.0, 1.0]]))
-    assert abs(inside) == pytest.approx(1.0) and outside == pytest.approx(0.0, abs=1e-9)
-
-
 def test_collada_keeps_its_unit_and_its_up_axis(tmp_path: Path) -> None:
     upright = two_rooms()
     turned = upright.copy()
@@ -105,21 +90,6 @@ def test_collada_keeps_its_unit_and_its_up_axis(tmp_path: Path) -> None:
     path.write_text(text.replace(axis, f'<unit name="centimetre" meter="0.01"/>{axis}'))
     low, high = (f(read_triangles(path).reshape(-1, 3), axis=0) for f in (np.min, np.max))
     np.testing.assert_allclose([low, high], upright.bounds, atol=1e-6)
-
-
-@pytest.mark.skipif(not MESHES.exists(), reason=f"{MESHES} is absent")
-@pytest.mark.parametrize(
-    ("name", "rooms"),
-    [("47_basement_pbp.stl", 7), ("1st_build_EX_114551_1st_floor.dae", 3), ("1st_build_EX_114551_2nd_floor.dae", 5)],
-)
-def test_published_buildings(name: str, rooms: int) -> None:
-    graph = read_mesh(MESHES / name).graph
-    assert len(graph.rooms) == rooms and len(graph.floors) == 1
-    for room in graph.rooms:
-        area = shapely.Polygon(room.polygon)
-        walls = graph.surfaces_of_room[room.id]
-        assert area.is_valid and len(walls) >= 3
-        assert all(area.distance(shapely.Point(w.centroid)) < 0.3 for w in walls)
 
 
 def test_a_robot_drives_and_scans_in_the_mesh_and_a_command_reads_it(stl: Path, tmp_path: Path) -> None:

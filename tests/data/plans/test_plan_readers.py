@@ -16,7 +16,6 @@ from plan_files import (
     DOOR,
     FAR,
     PLANS,
-    TOP,
     T,
     X,
     Y,
@@ -27,24 +26,15 @@ from plan_files import (
     read_plan,
     save_geojson,
 )  # fmt: skip
-from plans import SHARED, a_graph
-from plans import box as corners
 from shapely.geometry import LineString, box, mapping
 
 from data.common.errors import UserError
-from data.generation.halls import KINDS, generate_hall, write_hall
 from data.geometry.areas import united
-from data.ifc.graph import read_ifc
 from data.ifc.writer import IfcWriter
-from data.ifc.writer import box as prism
 from data.plans import load_bim, read_plans
 from data.plans.dxf import is_wall_layer
 from data.plans.mesh_plan import read_mesh
-from data.plans.sources import Plan
-from data.plans.splits import split_of
 from data.scene_graph import SceneGraph
-
-FLOORPLANS = SHARED / "data" / "floorplans"
 
 
 def at(graph: SceneGraph, x: float, y: float, normal: tuple[int, int]) -> list[str | None]:
@@ -188,30 +178,6 @@ def test_geojson_in_degrees(tmp_path: Path) -> None:
     assert any("longitude" in n for n in bim.notices)
 
 
-def test_a_floor_that_is_exported_as_a_wall_is_no_wall(tmp_path: Path) -> None:
-    graphs = []
-    for floors in (0, 1):
-        writer = IfcWriter("floors", {"Ground": 0.0})
-        for x0, y0, x1, y1 in ((0, 0, 6, 0.3), (0, 4, 6, 4.3), (0, 0.3, 0.3, 4), (5.7, 0.3, 6, 4)):
-            writer.element("IfcWall", "", "Ground", [prism(x0, y0, 0.0, x1, y1, TOP)])
-        for low, high in ((-0.3, 0.0), (1.0, 1.35)) * floors:  # a floor and a platform
-            writer.element("IfcWall", "", "Ground", [prism(2, 1, low, 4, 3, high)])
-        writer.save(tmp_path / "plan.ifc")
-        graphs.append(read_ifc(tmp_path / "plan.ifc")[0])
-    planes = [[(w.plane, w.length, w.height) for w in graph.wall_surfaces] for graph in graphs]
-    assert planes[0] == planes[1] and len(planes[0]) == 8 and len(graphs[1].rooms) == 1
-
-
-def test_generated_halls_are_the_same_each_time(tmp_path: Path) -> None:
-    for kind in KINDS:
-        written = []
-        for _ in range(2):
-            write_hall(generate_hall(kind, 0), tmp_path / "a.stl", tmp_path / "a.geojson")
-            written.append(((tmp_path / "a.stl").read_bytes(), (tmp_path / "a.geojson").read_bytes()))
-        assert written[0] == written[1]
-        assert max(areas(load_bim(tmp_path / "a.geojson").graph)) > 400
-
-
 def json_plan(*rooms: Any, **more: Any) -> str:
     return json.dumps({"unit": "m", "rooms": [{"type": "room", "polygon": mapping(r)} for r in rooms], **more})
 
@@ -314,44 +280,3 @@ def test_an_archive_is_read_without_being_unpacked(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-40])
     with pytest.raises(UserError, match="tar archive"):
         list(read_plans(path))
-
-
-def test_scene_graphs_and_ifc_models_are_plans(tmp_path: Path) -> None:
-    graph = a_graph([corners(0, 0, 4, 3), corners(4.2, 0, 3, 3)])
-    graph.save(tmp_path / "house.json")
-    assert list(read_plans(tmp_path / "house.json")) == [Plan("house", "house", graph)]
-    (plan,) = read_plans(PLANS["ifc with rooms"](tmp_path, hall()))
-    assert plan.name == "b" and "Core" in {r.name for r in plan.graph.rooms}
-
-
-def test_split_is_by_building_and_about_as_asked() -> None:
-    buildings = [f"site {k}" for k in range(3000)]
-    splits, others = ([split_of(b, seed) for b in buildings] for seed in (1, 2))
-    assert splits == [split_of(b, 1) for b in buildings]
-    assert abs(splits.count("train") / 3000 - 0.7) < 0.03 and abs(splits.count("test") / 3000 - 0.15) < 0.03
-    assert abs(np.mean([a == b for a, b in zip(splits, others, strict=True)]) - (0.7**2 + 2 * 0.15**2)) < 0.05
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not FLOORPLANS.is_dir(), reason="the shared floor plans are not here")
-@pytest.mark.parametrize("source", ["msd", "resplan", "swiss_floors", "lifull.tar.gz"])
-def test_real_plans_have_walls_on_their_rooms_outlines(source: str) -> None:
-    plans = list(read_plans(FLOORPLANS / source, limit=4, on_skip=lambda _: None))
-    assert len(plans) == 4
-    for graph in (plan.graph for plan in plans):
-        assert graph.frame == "bim" and graph.rooms
-        assert np.median([w.length or 0 for w in graph.wall_surfaces]) > 0.4
-        for surface in (w for w in graph.wall_surfaces if w.room is not None):
-            room = shapely.Polygon(graph.room_by_id[surface.room].polygon).buffer(0.011)
-            ahead = shapely.Point(np.add(surface.centroid, np.multiply(0.03, surface.normal)))
-            assert room.contains(shapely.LineString(surface.ends())) and room.contains(ahead)
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not FLOORPLANS.is_dir(), reason="the shared floor plans are not here")
-def test_real_duplicates_share_a_building(tmp_path: Path) -> None:
-    """Two floors of the same building, each drawn by hand."""
-    for name in ("plan_574", "plan_575", "plan_863", "plan_868"):
-        (tmp_path / f"{name}.json").write_bytes((FLOORPLANS / "swiss_floors" / f"{name}.json").read_bytes())
-    building = {p.name: p.building for p in read_plans(tmp_path)}
-    assert building["plan_574"] == building["plan_575"] and len(set(building.values())) == 3

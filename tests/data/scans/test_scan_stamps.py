@@ -4,18 +4,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
 from data.common.files import natural_key
 from data.scans import ScanFolder
-from data.scans.point_times import seconds_after, time_field
+from data.scans.point_times import seconds_after
 from data.scans.sources import open_scans
 from data.scans.writers import SCAN_WRITERS
 from data.streams import GrowingFolder
-from data.trajectory.stamps import NS, ns_to_seconds, seconds_to_ns
+from data.trajectory.stamps import NS
 
 STAMP = 1_700_000_000 * NS + 123_456_789
 TURN = np.linspace(0.0, 0.0997, 500)
@@ -117,11 +115,6 @@ def test_stamps_in_seconds_are_taken(seconds: list[float], tmp_path: Path) -> No
     assert folder_of(tmp_path, seconds).stamps_ns.tolist() == [round(s * NS) for s in seconds]
 
 
-@given(st.integers(-(2**63), 2**63 - 1))
-def test_stamps_survive_text(stamp: int) -> None:
-    assert seconds_to_ns(ns_to_seconds(stamp)) == stamp
-
-
 def steady(count: int) -> list[float]:
     return [100 + k / 10 for k in range(count)]
 
@@ -204,16 +197,6 @@ def test_times_that_say_nothing_are_none() -> None:
         assert seconds_after(values, STAMP) is None
 
 
-def test_names_of_times_in_every_spelling() -> None:
-    names = "scalar_GpsTime scalar_time scalar_timestamp scalar_Scalar_Time stamps stamp ts timeOffset lidar_time T"
-    names += " TIME_STAMP Timestamp gps_time point_time_offset timeStamp offset_time relTime"
-    for name in names.split():
-        assert time_field(["x", "y", "z", "intensity", name, "ring"]) == name
-    assert time_field(["x", "offset_time", "t"]) == "t"
-    for others in (["x", "y", "z", "s", "t"], ["x", "ring"], ["x", "scalar_Scalar_field", "scalar_t", "scalar_s"]):
-        assert time_field(others) is None  # s and t are those of a texture
-
-
 def timed_folder(path: Path, period: float, times: NDArray[np.floating], count: int = 12) -> ScanFolder:
     """Scans of 50 points with the same `times`, as PLY."""
     path.mkdir(exist_ok=True)
@@ -260,14 +243,6 @@ def test_times_in_seconds_stay_seconds(period: float, last: float, remark: str |
     assert all(np.allclose(s.point_times, times, atol=1e-6) for s in scans if s.point_times is not None)
     assert [remark in own for own in folder.remarks if remark] == [True] * (remark is not None)
     assert bool(folder.remarks) == (remark is not None)
-
-
-@pytest.mark.parametrize(("period", "warned"), [(0.0125, True), (0.018, True), (0.025, False)])
-def test_parts_of_turns_are_reported(period: float, warned: bool, tmp_path: Path) -> None:
-    """As Velodyne's driver publishes them if its `rpm` is eight times the sensor's."""
-    folder = folder_of(tmp_path, [period * k for k in range(20)])
-    assert len(list(folder)) == 20
-    assert ["parts of a turn" in remark for remark in folder.remarks] == [True] * warned
 
 
 def test_a_point_without_time_costs_itself_and_not_the_others_times(tmp_path: Path) -> None:

@@ -87,25 +87,6 @@ def test_a_point_of_a_map_goes_to_one_place_that_could_see_it() -> None:
     assert viewpoints(np.stack([pose(0.3 * k, 0.0) for k in range(9)]), 1.0, 1.0).tolist() == [0, 4, 8]
 
 
-def test_points_of_another_storey_are_not_given_through_holes_of_the_map() -> None:
-    rng = np.random.default_rng(1)
-
-    def level(z: float, count: int) -> Array:
-        return np.column_stack([rng.uniform((-4, -4), (2.9, 4), (count, 2)), np.full(count, z)])
-
-    def wall(z: float) -> Array:
-        return np.column_stack([np.full(4000, 3.0), rng.uniform(-4, 4, 4000), z + rng.uniform(0, 2.5, 4000)])
-
-    storeys = [level(0.0, 4000), wall(0.0), level(3.0, 4000), wall(3.0)]  # without a ceiling
-    places = np.array([[x, 0.3, z] for z in (0.8, 3.8) for x in (-2.0, -0.5, 1.0)])
-    owner = owners(np.vstack(storeys), places, 20.0)
-    assert owners(np.empty((0, 3)), places, 20.0).shape == (0,)
-    for k, upper in ((0, False), (1, False), (2, True), (3, True)):
-        own = owner[4000 * k : 4000 * (k + 1)]
-        right = (own >= 3) == upper
-        assert (own >= 0).mean() > 0.9 and right[own >= 0].mean() > 0.9
-
-
 def test_a_graph_tells_how_uncertain_its_motions_are(tmp_path: Path) -> None:
     lines = [f"VERTEX_SE3:QUAT {k} {k} 0 0 0 0 0 1" for k in range(3)]
     information = "100 0 0 0 0 0 400 0 0 0 0 25 0 0 0 40000 0 0 40000 0 10000"

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from data.common.errors import UserError
-from data.geometry.poses import poses_to_xyzquat, xyzquat_to_poses
 from data.trajectory import Trajectory
 from data.trajectory.correction import moved_with
 from data.trajectory.formats import write_euroc, write_kitti
@@ -106,21 +105,6 @@ def test_improper_poses_are_refused(kind: str) -> None:
         Trajectory(np.arange(3), poses)
 
 
-@pytest.mark.parametrize("stamps", [[0, 1, 1], [0, 2, 1], [0.0, 1.0, 2.0]])
-def test_stamps_must_be_integers_that_increase(stamps: list[float]) -> None:
-    with pytest.raises(ValueError, match="stamps"):
-        Trajectory(np.array(stamps), random_poses(3))
-
-
-def test_a_trajectory_keeps_its_own_copy() -> None:
-    stamps, poses = np.arange(3), random_poses(3)
-    trajectory = Trajectory(stamps, poses)
-    stamps[0], poses[0, 0, 3] = -9, 99
-    assert trajectory.stamps_ns[0] == 0 and trajectory.positions[0, 0] != 99
-    with pytest.raises(ValueError):
-        trajectory.poses[0, 0, 3] = 1
-
-
 def test_transformed_moves_the_frame_and_a_correction_the_poses_between() -> None:
     trajectory, T_new_old = Trajectory(STAMPS, random_poses(50)), random_poses(1, seed=3, scale=3000.0)[0]
     moved = trajectory.transformed(T_new_old)
@@ -131,20 +115,3 @@ def test_transformed_moves_the_frame_and_a_correction_the_poses_between() -> Non
     assert carried.stamps_ns.tolist() == STAMPS.tolist()
     one = moved_with(trajectory, moved.only(np.arange(50) == 7))
     np.testing.assert_allclose(one.poses, moved.poses, atol=1e-6)
-
-
-def test_seven_numbers_there_and_back() -> None:
-    poses = random_poses(20).reshape(4, 5, 4, 4)
-    numbers = poses_to_xyzquat(poses)
-    assert numbers.shape == (4, 5, 7) and np.all(numbers[..., 6] >= 0)
-    assert np.allclose(xyzquat_to_poses(numbers), poses)
-    turned = xyzquat_to_poses([0, 0, 0, 0, 0, np.sin(np.pi / 8), np.cos(np.pi / 8)])
-    assert np.allclose(turned[:3, :3] @ [1, 0, 0], [np.cos(np.pi / 4), np.sin(np.pi / 4), 0])
-    assert poses_to_xyzquat(np.empty((0, 4, 4))).shape == (0, 7)
-
-
-def test_what_lies_between_anothers_first_and_last_stamp() -> None:
-    poses = np.tile(np.eye(4), (5, 1, 1))
-    truth = Trajectory(np.array([0, 10, 20, 30, 40]), poses)
-    assert truth.between(Trajectory(np.array([9, 31]), poses[:2])).stamps_ns.tolist() == [10, 20, 30]
-    assert len(truth.between(Trajectory(np.empty(0, np.int64), poses[:0]))) == 0
