@@ -60,18 +60,13 @@ def test_two_storeys_are_separated(tmp_path: Path) -> None:
     assert max(w.height[1] for w in graph.on_floor(graph.floors[0].id).wall_surfaces if w.height) < 3.0
 
 
-@pytest.mark.parametrize("building", ["apartment_3", "skewed_1"])  # both are turned
-def test_a_generated_building_is_read_as_it_was_drawn(building: str, tmp_path: Path) -> None:
-    kind, seed = building.rsplit("_", 1)
-    drawn = generate_plan(kind, int(seed)).graph
+def test_a_generated_building_is_read_as_it_was_drawn(tmp_path: Path) -> None:
+    drawn = generate_plan("skewed", 1).graph
     write_plan_mesh(drawn, tmp_path / "building.stl")
     read = read_mesh(tmp_path / "building.stl").graph
     outlines = [shapely.Polygon(room.polygon) for room in drawn.rooms if room.polygon]
-    assert (
-        len(read.rooms)
-        == len(outlines)
-        == sum(any(outline.contains(shapely.Point(room.centroid)) for room in read.rooms) for outline in outlines)
-    )
+    assert len(read.rooms) == len(outlines)
+    assert all(any(own.contains(shapely.Point(room.centroid)) for room in read.rooms) for own in outlines)
     inner = [door for door in drawn.doors if len(door.rooms) == 2]
     assert len(read.doors) == pytest.approx(len(inner), abs=1)
     assert all(wall.height == pytest.approx((0.0, HEIGHT)) for wall in read.wall_surfaces if wall.room)

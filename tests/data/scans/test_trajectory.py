@@ -63,18 +63,14 @@ EYE = "1 0 0 0 0 1 0 0 0 0 1 "
     ("content", "message"),
     [
         (b"", "no poses"),
-        (b"# nothing\n", "no poses"),
         (b"\xff\xfe\x00\x81", "poses"),
         (b"1 0 0 0 0 0 0 1\n2 0 0 0 0 0 1\n", "line 2: 7 values"),
         (b"1 0 0 0 0 0 0 1\n\n1 0 0 0 0 0 0 1\n", "line 3: the stamp repeats"),
         (b"2 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n", "line 2: the stamp goes backwards"),
         (b"1 0 nan 0 0 0 0 1\n", "line 1: a value is not finite"),
-        (b"1 0 x 0 0 0 0 1\n", "line 1: a value is not a number"),
         (b"1 0 0 0 0 0 0 0\n", "line 1: the quaternion"),
         (b"1700000000000000000 0 0 0 0 0 0 1\n", "line 1: .* not a stamp in seconds"),
         (f"{EYE}0\n1 0 0 0 0 2 0 0 0 0 1 0\n".encode(), "line 2: a pose is not a rigid transform"),
-        (f"{EYE}nan\n".encode(), "line 1: a value is not finite"),
-        (b"#t,x\n5,0,0,0,1,0,0\n", "line 2: 6 values"),
         (b"5.1,0,0,0,1,0,0,0\n", "not a stamp in whole nanoseconds"),
         (b"5,0,0,0,1,0,0,0\n5,0,0,0,1,0,0,0\n", "line 2: the stamp does not increase"),
         (b"5,0,0,0,0,0,0,0\n", "no direction"),
@@ -90,19 +86,16 @@ def test_a_wrong_file_is_refused_with_its_line(content: bytes, message: str, tmp
             Trajectory.read_tum(missing)
 
 
-@pytest.mark.parametrize("kind", ["mirror", "scaled", "not finite", "last row", "count"])
-def test_improper_poses_are_refused(kind: str) -> None:
-    poses = random_poses(2 if kind == "count" else 3)
-    if kind == "mirror":
-        poses[1, :3, 0] *= -1
-    elif kind == "scaled":
-        poses[1, :3, :3] *= 1.01
-    elif kind == "not finite":
-        poses[1, 0, 3] = np.nan
-    elif kind == "last row":
-        poses[1, 3, 0] = 1
-    with pytest.raises(ValueError, match="trajectory"):
-        Trajectory(np.arange(3), poses)
+def test_improper_poses_are_refused() -> None:
+    mirrored, scaled, endless = (random_poses(3) for _ in range(3))
+    mirrored[1, :3, 0] *= -1
+    scaled[1, :3, :3] *= 1.01
+    endless[1, 0, 3] = np.nan
+    for poses in (mirrored, scaled, endless, random_poses(2)):
+        with pytest.raises(ValueError, match="trajectory"):
+            Trajectory(np.arange(3), poses)
+    with pytest.raises(ValueError, match="stamps"):
+        Trajectory(np.array([0, 2, 1]), random_poses(3))
 
 
 def test_transformed_moves_the_frame_and_a_correction_the_poses_between() -> None:

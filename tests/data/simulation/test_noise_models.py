@@ -9,7 +9,6 @@ from plans import a_graph, box, flat, merged, moved, offices
 
 from data import Door, SceneGraph, UserError, WallSurface
 from data.geometry import se2
-from data.synthetic_maps.exploration import storeys_of, walk
 from data.synthetic_maps.noise_models import NOISE_MODELS, DrawnGraph, draw
 
 PLAN = a_graph(flat(np.random.default_rng(3)), "ground")
@@ -96,15 +95,8 @@ def test_explored_rooms_hang_together_by_doors() -> None:
     for seed in range(30):
         seen = set(draw(row, "real", rng(seed), 3).rooms.values())
         assert seen in ({"room0", "room5", "room2"}, {"room5", "room2", "room7"})
-    storey = storeys_of(row)[0]
-    found = walk(storey, rng(1), 4)
-    assert all(p < n for n, p in enumerate(found.parents)) and len(set(found.rooms)) == 4
-    assert all(r in storey.by_door[found.rooms[p]] for r, p in zip(found.rooms[1:], found.parents[1:], strict=True))
-
     apart = a_graph([box(0, 0, 4, 4), box(4.1, 0, 4, 4), box(0, 4.2, 4, 4), box(40, 0, 4, 4), box(4.5, 4.9, 4, 4)])
-    for seed in range(10):  # where no door is known, across walls
-        assert set(draw(apart, "real", rng(seed), 3).rooms.values()) == {"room0", "room1", "room2"}
-    assert len(draw(apart, "real", rng(0), 5).rooms) == 3  # no more of them hang together
+    assert len(draw(apart, "real", rng(0), 5).rooms) == 3  # where no door is known, across walls
     assert len(draw(apart, "real", rng(0)).rooms) == 5  # the whole floor
 
 
@@ -120,42 +112,11 @@ def test_nothing_of_the_plan_is_in_the_map(noise: str) -> None:
     assert all(r.polygon is None and not r.name for r in drawn.s_graph.rooms)
     assert np.allclose(np.subtract(also.T_a_s, drawn.T_a_s), (0, 3000, -500), atol=1e-4)
     assert drawn.rooms == also.rooms and drawn.wall_surfaces == also.wall_surfaces
-    names = set(PLAN.room_by_id) | set(PLAN.surface_by_id)
-    everything = (*drawn.s_graph.rooms, *drawn.s_graph.wall_surfaces, *drawn.s_graph.doors, *drawn.s_graph.floors)
-    assert not names & {item.id for item in everything}
-
-
-def test_mis_segmented_maps_have_rooms_merged_and_cut_and_surfaces_astray() -> None:
-    cut = merged_rooms = rooms = astray = surfaces = 0
-    for k in range(15):
-        drawn = draw(BIG, "mis_segmented", rng(k), 60)
-        s = drawn.s_graph
-        plain = draw(BIG, "drift", rng(k), 60)
-        cut += len(drawn.rooms) - len(set(drawn.rooms.values()))
-        merged_rooms += len(set(plain.rooms.values())) - len(set(drawn.rooms.values()))
-        rooms += len(plain.rooms)
-        surfaces += len(s.wall_surfaces)
-        astray += sum(w.room is None for w in s.wall_surfaces)
-        for name, true in drawn.rooms.items():
-            length: dict[str | None, float] = {}
-            for wall in s.surfaces_of_room[name]:
-                if wall.id in drawn.wall_surfaces:
-                    faced = BIG.surface_by_id[drawn.wall_surfaces[wall.id]].room
-                    length[faced] = length.get(faced, 0.0) + (wall.length or 0.0)
-            assert max(length, key=length.__getitem__) == true
-    assert 0.025 < cut / rooms < 0.08 and 0.025 < merged_rooms / rooms < 0.08
-    assert astray / surfaces == pytest.approx(0.1, abs=0.015)
 
 
 @pytest.mark.parametrize("noise", NOISE_MODELS)
-def test_plans_that_are_small_large_or_lack_lengths(noise: str) -> None:
+def test_maps_are_those_of_their_seed_and_plans_may_lack_lengths(noise: str) -> None:
     assert draw(PLAN, noise, rng(7), 5) == draw(PLAN, noise, rng(7), 5) != draw(PLAN, noise, rng(8), 5)
-    corner = dataclasses.replace(PLAN, rooms=PLAN.rooms[:1], wall_surfaces=PLAN.surfaces_of_room[PLAN.rooms[0].id][:3])
-    for k in range(10):
-        drawn = draw(corner, noise, rng(k), 1)
-        assert drawn.wall_surfaces and set(drawn.rooms.values()) <= {corner.rooms[0].id}
-    whole = draw(BIG, noise, rng(0))
-    assert len(whole.rooms) > 0.7 * len(BIG.rooms) and len(whole.s_graph.wall_surfaces) > 1000
     plan = a_graph(offices([3.0] * 4, [3.0] * 4))
     walls = tuple(dataclasses.replace(w, length=None) for w in plan.wall_surfaces)
     rooms = tuple(dataclasses.replace(r, polygon=None) for r in plan.rooms)
@@ -172,8 +133,10 @@ def test_one_floor_of_several_is_seen_and_impossible_requests_are_refused() -> N
     roomless = tuple(dataclasses.replace(w, room=None) for w in PLAN.wall_surfaces)
     bare = dataclasses.replace(PLAN, rooms=(), wall_surfaces=roomless)
     for graph, noise, count, floor, message in (
-        (tower, "real", 4, "cellar", r"cellar.*ground, upper"), (PLAN, "real", 0, None, "one at least"),
-        (PLAN, "reel", 3, None, "no noise model 'reel'.*paper, real"), (bare, "real", 3, None, "no room"),
-    ):  # fmt: skip
+        (tower, "real", 4, "cellar", r"cellar.*ground, upper"),
+        (PLAN, "real", 0, None, "one at least"),
+        (PLAN, "reel", 3, None, "no noise model 'reel'.*paper, real"),
+        (bare, "real", 3, None, "no room"),
+    ):
         with pytest.raises(UserError, match=message):
             draw(graph, noise, rng(0), count, floor)

@@ -19,7 +19,6 @@ from data.scans import ScanFolder
 from data.scans.formats import read_points
 from data.simulation import Changes, Robot, SimulatedRun, SpinningSensor
 from data.simulation.simulate import ROBOT, simulate
-from data.simulation.storey_model import load_storey
 from data.trajectory import Trajectory
 
 SENSOR = SpinningSensor(azimuths=120, rate=5.0)
@@ -93,14 +92,11 @@ def test_what_is_written_is_what_was_driven(run: SimulatedRun, building: SmallBu
     written = json.loads((run.out_dir / "run.json").read_text())
     assert [r["id"] for r in written["rooms"]] == [r.id for r in run.rooms]
     assert (written["seed"], written["storey"], written["scans"]) == (1, "Ground", len(truth))
-    with pytest.raises(UserError, match="not an empty folder"):
-        simulate(building.path, "Ground", run.out_dir)
 
 
 @pytest.mark.parametrize(
     "options",
     [{"slabs": False}, {"spaces": False, "millimetres": True, "elevation": 2.5}, {"pit": True}],
-    ids=["spaces serve as floor and ceiling", "without spaces", "no floor in a pit"],
 )
 def test_models_that_lack_something_can_be_driven(options: dict[str, Any], tmp_path: Path) -> None:
     bare = write_small_ifc(tmp_path / "bare.ifc", **options)
@@ -119,11 +115,8 @@ def test_models_that_lack_something_can_be_driven(options: dict[str, Any], tmp_p
     ("change", "message"),
     [
         ({"storey": "Attic"}, r"no storey 'Attic'.*'Ground'"),
-        ({"storey": ""}, r"no storey was named .--storey.; it has: .*'Ground'"),
         ({"robot": Robot(radius=3.0)}, "no room can be reached"),
         ({"scan_format": "xyz"}, "scan format 'xyz'.*bin"),
-        ({"sensor_height": 2.6}, "no room can be reached"),  # in the ceiling
-        ({"ifc": "missing.ifc"}, "no such file"),
     ],
 )
 def test_mistakes_are_refused(building: SmallBuilding, tmp_path: Path, change: dict[str, Any], message: str) -> None:
@@ -131,19 +124,6 @@ def test_mistakes_are_refused(building: SmallBuilding, tmp_path: Path, change: d
     with pytest.raises(UserError, match=message):
         simulate(**arguments)
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("kind", "numbers"),
-    [
-        (SpinningSensor, {"beams": 0}), (SpinningSensor, {"min_range": 5, "max_range": 4}), (Robot, {"speed": 0}),
-        (SpinningSensor, {"range_noise": float("nan")}), (SpinningSensor, {"lowest_deg": 20, "highest_deg": 10}),
-        (Robot, {"acceleration": -1}),
-    ],
-)  # fmt: skip
-def test_sensors_and_robots_that_cannot_be(kind: type, numbers: dict[str, float]) -> None:
-    with pytest.raises(UserError):
-        kind(**numbers)
 
 
 def test_ranges_of_the_sensor_and_their_noise() -> None:
@@ -179,8 +159,6 @@ def test_moved_walls_are_scanned_where_they_stand(building: SmallBuilding, tmp_p
     assert (local.min(axis=1) < 1e-6).all()
     off = off_surfaces(points_in_building(changed, building), building.solids)
     assert np.mean(off > 0.06) > 0.1  # a good part of what is seen is not where the plan has it
-    again, other = (load_storey(building.path, "Ground", Changes(moved=0.5), seed=seed) for seed in (4, 5))
-    assert again.changes == changed.changes != other.changes
 
 
 @pytest.mark.slow
@@ -191,13 +169,9 @@ def test_the_command_line(building: SmallBuilding, tmp_path: Path) -> None:
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert len(list((out / "scans").glob("*.ply"))) == len(Trajectory.read_tum(out / "truth.tum"))
-    (tmp_path / "file").touch()
     new = ["data.simulate", *asked, "--out", tmp_path / "new"]
     for message, words in (
         ("not an empty", ["data.simulate", *asked, "--out", out]),
-        ("give another --out", ["data.simulate", *asked, *sizes, "--out", tmp_path / "file" / "out"]),
         ("at most 0.3", [*new, "--displaced-openings", "0.5", "--displaced-by", "1"]),
-        ("openings: give 0 to 1", [*new, "--filled-openings", "2"]),
-        ("columns: give 0 to 1", [*new, "--displaced-columns", "0.6", "--absent-columns", "0.6"]),
     ):
         assert message in refused(*words)

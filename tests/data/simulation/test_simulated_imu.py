@@ -54,10 +54,8 @@ def test_a_still_sensor_measures_gravity_upwards() -> None:
 def test_a_drive_writes_samples_until_its_end_and_the_truth_agrees_with_them(tmp_path: Path) -> None:
     building = write_small_ifc(tmp_path / "small.ifc")
     sensor = SpinningSensor(azimuths=40)
-    run = simulate(
-        building.path, "Ground", tmp_path / "run", 1, sensor=sensor, carrier=HANDHELD, seconds=3.0, imu="tactical",
-        mount_deg=(180.0, 0.0, 0.0),
-    )  # fmt: skip
+    way = {"carrier": HANDHELD, "seconds": 3.0, "mount_deg": (180.0, 0.0, 0.0)}
+    run = simulate(building.path, "Ground", tmp_path / "run", 1, sensor=sensor, imu="tactical", **way)
     samples = read_imu(run.out_dir / "scans" / "imu.csv")
     assert samples.stamps_ns[[0, -1]].tolist() == [0, 3_000_000_000]
     assert np.median(samples.accel[:, 2]) < -9.0  # it hangs
