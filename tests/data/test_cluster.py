@@ -4,16 +4,15 @@ import os
 import signal
 import socket
 import sys
-from functools import partial
 from itertools import count, islice
 from pathlib import Path
 
 import pytest
-from cluster_tasks import failing, slowly_doubled
+from cluster_tasks import slowly_doubled
 
 from data.common import cluster as of_data
 from data.common.cli import run_command
-from data.common.cluster import RETRIES, completed, connected, in_order
+from data.common.cluster import completed, connected, in_order
 from matching.train import main as train
 
 pytestmark = pytest.mark.slow
@@ -29,14 +28,6 @@ def test_every_task_has_one_result_and_order_is_kept_although_a_worker_is_killed
         answers.append(answer)
     assert sorted(answers) == [(n, 2 * n) for n in range(60)] == sorted(completed(slowly_doubled, range(60), 2))
     assert list(islice(in_order(slowly_doubled, count(), scheduler), 9)) == list(range(0, 18, 2))
-
-
-def test_a_task_that_raises_is_tried_again_and_fails_alone(scheduler: str, tmp_path: Path) -> None:
-    for log, times, fails in ((tmp_path / "too often", 9, True), (tmp_path / "at first", RETRIES, False)):
-        answers = dict(completed(partial(failing, log, ValueError, times), range(6), scheduler=scheduler))
-        assert isinstance(answers[3], ValueError) if fails else answers[3] == 6
-        assert {n: answers[n] for n in (0, 1, 2, 4, 5)} == {n: 2 * n for n in (0, 1, 2, 4, 5)}
-        assert len(log.read_text().splitlines()) == 1 + RETRIES
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import shapely
 from plans import box
@@ -37,14 +36,6 @@ def test_collinear_edges_are_one_wall_and_slivers_and_rims_are_none(tmp_path: Pa
     # a room drawn with a rim of 3 cm around the next one
     rim = [(4, -0.03), (7.03, -0.03), (7.03, 3.03), (4, 3.03), (4, 3), (7, 3), (7, 0), (4, 0.001), (4, 3), (0, 3)]
     assert lengths(read(tmp_path, [(0, 0), (4, 0), *rim])) == pytest.approx([3, 3, 4, 4], abs=0.04)
-
-
-def test_a_pillar_gives_surfaces_that_face_the_room(tmp_path: Path) -> None:
-    graph = read(tmp_path, shapely.Polygon(box(0, 0, 8, 6), [box(3, 2, 0.5, 0.5)]))
-    around = [w for w in graph.wall_surfaces if w.length == pytest.approx(0.5)]
-    assert len(around) == 4
-    for surface in around:
-        assert np.subtract(surface.centroid, (3.25, 2.25)) @ np.array(surface.normal) == pytest.approx(0.25)
 
 
 def test_a_door_joins_the_rooms_on_its_sides(tmp_path: Path) -> None:

@@ -150,34 +150,6 @@ def test_surfaces_are_the_walls_faces_wherever_the_space_ends(tmp_path: Path, in
     assert matches(sides(read(model, tmp_path)), ONE_ROOM)
 
 
-@pytest.mark.parametrize(("width", "pieces"), [(1.2, [5.0]), (3.0, [1.0, 1.0])])
-def test_doorways_are_bridged_and_wide_passages_are_not(tmp_path: Path, width: float, pieces: list[float]) -> None:
-    """Both are open up to the ceiling in one wall; their reveals are no surfaces."""
-    model = IfcModel()
-    two_rooms(model, 0.0, "g")
-    partition = model.file.by_type("IfcWall")[-1]
-    model.opening(partition, box(3.9, 2.5 - width / 2, 4.3, 2.5 + width / 2), (-1.0, 4.0))
-    facing = [s for s in sides(read(model, tmp_path)) if s[0] == "g-A" and s[1] == -1]
-    assert [s[4] for s in facing] == pytest.approx(pieces)
-
-
-@pytest.mark.parametrize("outline", [4.0, 4.05, 4.1], ids=["inner", "centre", "outer"])
-def test_curtain_wall_of_panes_and_mullions_is_one_surface(tmp_path: Path, outline: float) -> None:
-    model = IfcModel("millimetres")
-    storey = model.storey("ground", 0.0)
-    for area in (box(-0.3, -0.3, 6.3, 0), box(-0.3, 0, 0, 4), box(6, 0, 6.3, 4)):
-        model.prism("IfcWall", area, (0.0, 3.0), storey)
-    panes = [("IfcPlate", box(x + 0.025, 4.04, x + 1.475, 4.06), (0.0, 3.0)) for x in (0, 1.5, 3, 4.5)]
-    mullions = [("IfcMember", box(x - 0.025, 4.0, x + 0.025, 4.1), (0.0, 3.0)) for x in (0.025, 1.5, 3, 4.5, 5.975)]
-    curtain = model.assembly("IfcCurtainWall", panes + mullions, storey)
-    model.prism("IfcSpace", box(0, 0, 6, outline), (0.0, 2.5), storey, "room")
-    graph = read(model, tmp_path)
-    (pane,) = [w for w in indoors(graph) if w.source == curtain.GlobalId]
-    assert len(indoors(graph)) == 4 and len(graph.wall_surfaces) == 8
-    assert pane.normal == pytest.approx((0.0, -1.0)) and pane.length == pytest.approx(6.0, abs=0.06)
-    assert 4.0 <= pane.centroid[1] <= 4.04
-
-
 def test_walls_that_enclose_nothing_show_every_free_side(tmp_path: Path) -> None:
     """In a building without rooms, and in a wing whose end is open."""
     model = IfcModel()
@@ -254,16 +226,6 @@ def test_openings_under_a_lintel_join_rooms_if_wide_and_unfilled(
     found = areas(model, tmp_path)
     assert len(found) == rooms
     assert rooms == 1 or found == pytest.approx([2.9 * 4, 2.9 * 4], abs=0.02)  # the opening is thicker than the wall
-
-
-def test_columns_shafts_and_cavities_are_no_rooms(tmp_path: Path) -> None:
-    model, storey = shell(width=10.0, depth=6.0)
-    for area in (box(4, 2, 4.1, 3), box(5, 2, 5.1, 3), box(4, 1.9, 5.1, 2), box(4, 3, 5.1, 3.1)):
-        model.prism("IfcWall", area, WALL, storey)  # a shaft of 0.9 m x 1 m
-    for area in (box(7, 1, 7.2, 1.2), box(7, 4, 7.2, 4.2)):
-        model.prism("IfcColumn", area, WALL, storey)
-    model.prism("IfcWall", box(0, 5.4, 10, 5.5), WALL, storey)  # 0.5 m before the north wall
-    assert areas(model, tmp_path) == [pytest.approx(54.0, abs=0.01)]
 
 
 def test_zip_json_and_cache_give_the_same_graph(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,6 @@ from commands import called
 from data.common.errors import UserError
 from data.generation.buildings import generate_plan
 from data.generation.plan_mesh import HEIGHT, plan_triangles, write_plan_mesh
-from data.plans.mesh_files import read_triangles
 from data.plans.mesh_plan import read_mesh
 from data.scans.formats import read_points
 from data.scene_graph import Room, SceneGraph
@@ -72,19 +71,6 @@ def test_a_generated_building_is_read_as_it_was_drawn(tmp_path: Path) -> None:
     assert all(wall.height == pytest.approx((0.0, HEIGHT)) for wall in read.wall_surfaces if wall.room)
     with pytest.raises(UserError, match="without rooms"):
         plan_triangles(SceneGraph("bim", (Room("r", (0.0, 0.0)),), ()))
-
-
-def test_collada_keeps_its_unit_and_its_up_axis(tmp_path: Path) -> None:
-    upright = two_rooms()
-    turned = upright.copy()
-    turned.vertices = upright.vertices[:, [1, 2, 0]] * 100.0  # y up, centimetres
-    text = trimesh.exchange.dae.export_collada(turned).decode()
-    path = tmp_path / "rooms.dae"
-    axis = "<up_axis>Y_UP</up_axis>"
-    assert axis in text
-    path.write_text(text.replace(axis, f'<unit name="centimetre" meter="0.01"/>{axis}'))
-    low, high = (f(read_triangles(path).reshape(-1, 3), axis=0) for f in (np.min, np.max))
-    np.testing.assert_allclose([low, high], upright.bounds, atol=1e-6)
 
 
 def test_a_robot_drives_and_scans_in_the_mesh_and_a_command_reads_it(stl: Path, tmp_path: Path) -> None:

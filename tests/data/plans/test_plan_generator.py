@@ -45,13 +45,3 @@ def test_rooms_surfaces_and_doors_fit_and_are_those_of_the_seed(kind: str) -> No
             assert len(set(group.values())) == len(graph.floors)
         low, high = {"apartment": (3, 16), "office": (15, 100)}.get(kind, (1, 10_000))
         assert low <= len(graph.rooms) <= high and (3 <= len(graph.floors) <= 8 or kind != "tower")
-
-
-@pytest.mark.slow
-def test_a_campus_is_large() -> None:
-    """Its buildings do not overlap."""
-    graph = generate_plan("campus", 0).graph
-    assert 1000 < len(graph.wall_surfaces) <= 5000
-    assert_rooms_are_a_wall_apart(graph)
-    with pytest.raises(ValueError, match="castle"):
-        generate_plan("castle", 0)

@@ -11,22 +11,7 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
-from plan_files import (
-    COLUMNS,
-    CORE,
-    DOOR,
-    FAR,
-    PLANS,
-    T,
-    X,
-    Y,
-    dxf,
-    feature,
-    hall,
-    new_drawing,
-    read_plan,
-    save_geojson,
-)
+from plan_files import COLUMNS, CORE, DOOR, FAR, PLANS, T, X, Y, dxf, feature, geojson, hall, new_drawing, read_plan
 from shapely.geometry import LineString, box, mapping
 
 from data.common.errors import UserError
@@ -155,7 +140,7 @@ def test_walls_drawn_as_single_lines_and_with_open_ends(tmp_path: Path) -> None:
         assert [len(d.rooms) for d in bim.graph.doors] == [2]
         assert any("single lines" in n for n in bim.notices) == (drawing is single)
     thick = [feature(LineString(c), layer="walls", thickness=0.1) for c in CENTRES]
-    assert len(load_bim(save_geojson(tmp_path / "thick.geojson", thick)).graph.rooms) == 2
+    assert len(load_bim(geojson(tmp_path / "thick.geojson", thick)).graph.rooms) == 2
 
 
 def test_storeys_heights_and_names_of_geojson(tmp_path: Path) -> None:
@@ -164,7 +149,7 @@ def test_storeys_heights_and_names_of_geojson(tmp_path: Path) -> None:
         for storey, z in (("upper", 3.0), ("ground", 0.0))
         for k, room in enumerate(ROOMS)
     ]
-    graph = load_bim(save_geojson(tmp_path / "two.geojson", features)).graph
+    graph = load_bim(geojson(tmp_path / "two.geojson", features)).graph
     assert [(f.name, f.elevation) for f in graph.floors] == [("ground", 0.0), ("upper", 3.0)]
     upper = graph.on_floor(graph.floors[1].id)
     assert {r.name for r in upper.rooms} == {"upper0", "upper1"}
@@ -175,7 +160,7 @@ def test_geojson_in_degrees(tmp_path: Path) -> None:
     """As an indoor map gives it: longitude and latitude, rooms that touch."""
     metres = np.array([np.cos(np.radians(47.37)), 1.0]) * np.radians(1) * 6_378_137.0
     rooms = [shapely.transform(box(*b), lambda xy: xy / metres + [8.54, 47.37]) for b in ((0, 0, 6, 6), (6, 0, 10, 6))]
-    bim = load_bim(save_geojson(tmp_path / "map.geojson", [feature(r, indoor="room", level="0") for r in rooms]))
+    bim = load_bim(geojson(tmp_path / "map.geojson", [feature(r, indoor="room", level="0") for r in rooms]))
     np.testing.assert_allclose(areas(bim.graph), [36, 24], rtol=0.02)
     assert len(bim.graph.wall_surfaces) == 8  # also where they touch
     assert any("longitude" in n for n in bim.notices)

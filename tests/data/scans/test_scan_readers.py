@@ -19,7 +19,6 @@ from data.scans import ScanFolder
 from data.scans.formats import read_points
 from data.scans.reading_errors import UnreadableScanError
 from data.scans.sources import open_scans
-from data.scans.writers import SCAN_WRITERS
 from data.streams import McapPipe
 
 IN_BAGS = [*(f"{kind} of ouster" for kind in BAGS), *(f"{k} of {own}" for k in ("ros1", "mcap") for own in LAYOUTS)]
@@ -55,13 +54,6 @@ def test_a_pipe_of_mcap_records_gives_the_scans_of_the_file(tmp_path: Path) -> N
     assert len(piped) == 3
     with bag.open("rb") as file, pytest.raises(UserError, match="it holds /points"):
         list(McapPipe(file, "/others"))
-
-
-@pytest.mark.parametrize("form", sorted(SCAN_WRITERS))
-def test_what_we_write_is_read_back(form: str, tmp_path: Path) -> None:
-    for name, points in (("some", points_of(0)[GOOD]), ("none", np.empty((0, 3), np.float32))):
-        SCAN_WRITERS[form](tmp_path / f"{name}.{form}", points, None)
-        np.testing.assert_array_equal(read_points(tmp_path / f"{name}.{form}"), points)
 
 
 @pytest.mark.parametrize("form", FILES)
@@ -106,23 +98,6 @@ def test_a_wrong_file_is_unreadable_and_allocates_little(
         read_points(tmp_path / f"0{suffix}")
     assert tracemalloc.get_traced_memory()[1] < 50e6 and "\n" not in str(caught.value)
     tracemalloc.stop()
-
-
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("COUNT 1 1 1\n", ""),
-        ("FIELDS", "COLUMNS"),
-        ("F F F", "f f f"),
-        ("HEIGHT 1\nPOINTS 60\n", ""),
-        ("SIZE 4 4 4\nTYPE F F F\n", ""),
-        ("SIZE 4 4 4\nTYPE F F F", "SIZE 8 8 8\nTYPE D D D"),
-    ],
-)
-def test_pcd_headers_of_old_versions_and_of_scripts(old: str, new: str, tmp_path: Path) -> None:
-    header, points = PLAIN.decode().replace(old, new), np.nan_to_num(points_of(0))
-    (tmp_path / "0.pcd").write_bytes(header.encode() + points.astype("<f8" if "D" in new.split() else "<f4").tobytes())
-    assert np.array_equal(read_points(tmp_path / "0.pcd"), points)
 
 
 def lidar_points(count: int, order: str) -> NDArray[np.float32]:
@@ -190,18 +165,6 @@ def test_a_bag_split_into_files(tmp_path: Path) -> None:
         write_bag(tmp_path / f"drive_{part + 9}.bag", "ros1", {"/points": messages})
     stamps = [s.stamp_ns for s in open_scans(tmp_path)]
     assert len(stamps) == 30 and stamps == sorted(stamps)
-
-
-@pytest.mark.parametrize("row_step", [0, 20, 60 * 16, 10**6])
-def test_a_row_step_that_does_not_fit_the_data_is_ignored(row_step: int, tmp_path: Path) -> None:
-    """As drivers leave it: of the whole cloud, or of what it was before rows were cut or joined."""
-    message = cloud(store(), points_of(3), START, height=4)
-    message.row_step = row_step
-    (scan,) = open_scans(write_bag(tmp_path / "bag", "mcap", {"/p": [(START, message)]}))
-    np.testing.assert_array_equal(scan.points, points_of(3)[GOOD].astype(float))
-    message.data = message.data[:-1]
-    with pytest.raises(UserError, match="it claims 60 points"):
-        list(open_scans(write_bag(tmp_path / "cut", "mcap", {"/p": [(START, message)]})))
 
 
 def test_the_topic_is_guessed_named_or_asked_for(tmp_path: Path) -> None:

@@ -95,14 +95,6 @@ def test_wrong_folders_and_stamps_are_refused_before_anything_is_read(
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    "seconds",
-    [[1e6 + k for k in range(9)], [1e6 + k / 10 for k in range(9)], [0.0, 95.0, 210.0, 420.0, 500.0, 630.0]],
-)
-def test_stamps_in_seconds_are_taken(seconds: list[float], tmp_path: Path) -> None:
-    assert folder_of(tmp_path, seconds).stamps_ns.tolist() == [round(s * NS) for s in seconds]
-
-
 def steady(count: int) -> list[float]:
     return [100 + k / 10 for k in range(count)]
 
@@ -146,29 +138,6 @@ def test_units_and_origins_of_all_drivers(values: NDArray[np.generic], expected:
     seconds = seconds_after(values, STAMP)
     assert seconds is not None
     assert np.abs(seconds - expected).max() < 2e-6
-
-
-@pytest.mark.parametrize(
-    ("values", "begins"),  # s before the stamp, of a scan stamped in its middle and at its end
-    [
-        (TURN.astype(np.float32), (0.0499, 0.0997)),  # from the first point
-        (0.004 + TURN[: len(TURN) - 20], (0.0459, 0.0958)),  # the first and the last rays did not return
-        (345_678.25 + TURN, (0.0499, 0.0997)),  # since the sensor was switched on
-        (TURN - 0.0997, (0.0997, 0.0997)),  # before the stamp
-        (TURN - 0.05, (0.05, 0.05)),
-        (STAMP * 1e-9 + TURN, (0.0, 0.0)),  # by the stamp's clock
-        (STAMP * 1e-9 + TURN - 0.0997, (0.0997, 0.0997)),
-    ],
-)
-def test_times_from_the_first_point_begin_before_a_stamp_that_is_later(
-    values: NDArray[np.generic], begins: tuple[float, float]
-) -> None:
-    plain = seconds_after(values, STAMP, "start")
-    for stamped, begin in zip(("middle", "end"), begins, strict=True):
-        seconds = seconds_after(values, STAMP, stamped)  # type: ignore[arg-type]
-        assert plain is not None and seconds is not None
-        assert seconds[0] == pytest.approx(-begin, abs=3e-4)
-        assert seconds - seconds[0] == pytest.approx(plain - plain[0], abs=1e-9)
 
 
 def test_times_that_say_nothing_are_none() -> None:

@@ -11,7 +11,6 @@ from data.scans import ScanFolder
 from data.scans.writers import SCAN_WRITERS
 from data.slam_output import open_slam_output
 from data.slam_output.graph_poses import read_graph_poses
-from data.slam_output.map_points import owners, viewpoints
 from data.slam_output.posed_scans import PosedScans, walking_stamps
 from data.trajectory import Trajectory
 from data.trajectory.readers import PoseList
@@ -70,21 +69,6 @@ def test_poses_at_the_ends_of_scans_are_interpolated_to_their_stamps(tmp_path: P
         np.testing.assert_allclose(found[1:, :3, 3], (0.8 * WAY[:-1] + 0.2 * WAY[1:])[:, :3, 3], atol=0.03)
     sparse = PosedScans(ScanFolder(folder), PoseList(WAY, STAMPS, at_ends=True), "poses")
     assert sparse.given.stamps_ns.tolist() == STAMPS.tolist() and not sparse.is_dense
-
-
-def test_a_point_of_a_map_goes_to_one_place_that_could_see_it() -> None:
-    front = np.array([[3.0, y, z] for y in np.linspace(-1.5, 1.5, 60) for z in np.linspace(0.2, 2.5, 50)])
-    back = front[np.abs(front[:, 1]) < 1.0] + [0.15, 0.0, 0.0]  # of a wall as thin as they are
-    places = np.array([[0.0, 0.0, 1.0], [1.0, 0.5, 1.0], [6.0, 0.0, 1.0], [100.0, 0.0, 1.0]])
-    owner = owners(np.vstack([front, back]), places, 20.0)
-    middle = owner[: len(front)][np.abs(front[:, 1]) < 0.8]  # beyond, the place behind sees past the back
-    assert set(middle.tolist()) == {0, 1} and set(owner[len(front) :].tolist()) == {2}
-    shares = np.bincount(middle) / len(middle)
-    assert np.abs(shares - 0.5).max() < 0.1  # neither of two that see all of it has it all
-    assert owners(front, places[3:], 20.0).tolist() == [-1] * len(front)
-    turning = np.stack([pose(0.0, 0.0, 0.0, 0.4 * k) for k in range(7)])
-    assert viewpoints(turning, 1.0, 1.0).tolist() == [0, 3, 6]  # apart by turn, or by way
-    assert viewpoints(np.stack([pose(0.3 * k, 0.0) for k in range(9)]), 1.0, 1.0).tolist() == [0, 4, 8]
 
 
 def test_a_graph_tells_how_uncertain_its_motions_are(tmp_path: Path) -> None:

@@ -1,7 +1,6 @@
 """Doors, windows and columns that are elsewhere than planned, or absent, in the simulated building."""
 
 from collections.abc import Iterable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ from small_ifc import DOORS, WINDOW, SmallBuilding
 from data.common.errors import UserError
 from data.geometry.raycast import TriangleScene
 from data.ifc.products import open_ifc
-from data.ifc.writer import IfcWriter, box
 from data.simulation import Changes
 from data.simulation.storey_model import StoreyModel, load_storey
 
@@ -23,15 +21,6 @@ def met(model: StoreyModel, T: Array, origin: Iterable[float], direction: Iterab
     """Metres to the first surface of a ray given in the building's frame."""
     rays = (T[:3, :3] @ [*direction])[None]
     return float(TriangleScene(model.solid).distances(T[:3, :3] @ [*origin] + T[:3, 3], rays)[0])
-
-
-def columned(path: Path) -> None:
-    """A slab and four columns along x, whose south faces are at y = -0.2."""
-    writer = IfcWriter("columns", {"Ground": 0.0})
-    writer.element("IfcSlab", "slab", "Ground", [box(-1, -5, -0.2, 9, 5, 0)])
-    for x in range(5, 9):
-        writer.element("IfcColumn", "column", "Ground", [box(x - 0.2, -0.2, 0, x + 0.2, 0.2, 2.5)])
-    writer.save(path)
 
 
 def test_displaced_openings_have_their_edges_where_told(building: SmallBuilding) -> None:
@@ -69,26 +58,6 @@ def test_a_filled_door_is_wall_and_a_filled_window_too(building: SmallBuilding) 
     assert [c.kind for c in built.changes] == ["filled"] * 3
     assert met(built, T, [door, 2.5, 1.0], [0, 1, 0]) == pytest.approx(0.5, abs=1e-3)
     assert met(planned, T, [door, 2.5, 1.0], [0, 1, 0]) > 0.7
-
-
-def test_columns_are_displaced_and_absent(tmp_path: Path) -> None:
-    columned(tmp_path / "a.ifc")
-    changes = Changes(columns_displaced=0.5, columns_absent=0.25, displaced_by=BY)
-    built = load_storey(tmp_path / "a.ifc", "Ground", changes, seed=1)
-    model = open_ifc(tmp_path / "a.ifc")
-    columns = sorted(model.by_type("IfcColumn"), key=lambda e: e.id())
-    change_of = {c.id: c for c in built.changes}
-    assert sorted(c.kind for c in built.changes) == ["absent", "displaced", "displaced"]
-    for x, column in zip(range(5, 9), columns, strict=True):
-        change = change_of.get(column.GlobalId)
-        east = met(built, np.eye(4), [x, -2.0, 1.0], [0, 1, 0])
-        if change is None:
-            assert east == pytest.approx(1.8, abs=1e-3)
-        elif change.kind == "absent":
-            assert east == np.inf
-        else:
-            assert np.hypot(*change.offset_in_bim) == pytest.approx(BY)
-            assert east == pytest.approx(1.8 + change.offset_in_bim[1], abs=1e-3)
 
 
 def test_impossible_numbers_are_refused() -> None:
