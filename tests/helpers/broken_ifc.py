@@ -38,12 +38,6 @@ def _set(ifc_class: str, name: str, value: object) -> Callable[[Model], None]:
     return edit
 
 
-def _flat_walls(model: Model) -> None:
-    for point in model.by_type("IfcCartesianPoint"):
-        if len(point.Coordinates) == 2:
-            point.Coordinates = (0.0, point.Coordinates[1])
-
-
 def _lines_without(ifc_class: str, every: int = 1) -> Callable[[str], str]:
     """The file without every n-th line of a class, to which other lines still refer."""
 
@@ -82,7 +76,6 @@ EDITS: dict[str, Callable[[Model], None]] = {
     "no openings": _without("IfcRelVoidsElement"),
     "doors to nowhere": _moved("IfcDoor", 500.0),
     "doors without a body": _set("IfcDoor", "Representation", None),
-    "walls without thickness": _flat_walls,
     "beyond the earth": _moved("IfcSite", 1e30),
     "no units": _without("IfcUnitAssignment"),
     "one id for all": _set("IfcElement", "GlobalId", "0000000000000000000000"),

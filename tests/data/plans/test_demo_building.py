@@ -1,4 +1,4 @@
-"""The demo's building, as others see it: the A-graph, the simulator, the matcher."""
+"""The command that writes the demo's building."""
 
 import os
 import subprocess
@@ -11,15 +11,9 @@ from data.common.errors import UserError
 from data.generation.demo_building import DEMO_STOREY, write_demo_building
 
 
-@pytest.fixture(scope="module")
-def ifc(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("demo") / "demo.ifc"
-    write_demo_building(path)
-    return path
-
-
 @pytest.mark.slow
-def test_the_command_writes_the_same_bytes_whatever_the_path(ifc: Path, tmp_path: Path) -> None:
+def test_the_command_writes_the_same_bytes_whatever_the_path(tmp_path: Path) -> None:
+    write_demo_building(ifc := tmp_path / "demo.ifc")
     command = [sys.executable, "-m", "data.generation.demo_building", "--out", "other.ifc"]
     environment = {**os.environ, "PYTHONHASHSEED": "7"}
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)

@@ -200,15 +200,7 @@ def test_what_can_be_read_of_a_bag_that_was_cut_off_is_used(kind: str, tmp_path:
     assert len(source.remarks) == 1 and "what could be read is used" in source.remarks[0]
 
 
-def test_damaged_chunks_and_bad_messages_cost_their_own_scans(tmp_path: Path) -> None:
-    bag = lidar_bag(tmp_path / "drive.bag", "ros1-lz4", count=200)
-    raw = bytearray(bag.read_bytes())
-    raw[len(raw) // 2 : len(raw) // 2 + 200] = bytes(200)
-    bag.write_bytes(raw)
-    source = open_scans(bag)
-    assert 170 <= len([s.stamp_ns for s in source]) < 200
-    assert len(source.remarks) == 1 and "of 200 scans" in source.remarks[0]
-
+def test_bad_messages_cost_their_own_scans(tmp_path: Path) -> None:
     types = store()
     messages: list[tuple[int, Any]] = [(stamp_of(k), cloud(types, points_of(k), stamp_of(k))) for k in range(30)]
     messages[5] = (stamp_of(5), cloud(types, np.full((40, 3), np.nan), stamp_of(5)))

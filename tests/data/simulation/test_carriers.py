@@ -9,10 +9,12 @@ from scipy.spatial.transform import Rotation
 from small_ifc import SmallBuilding
 
 from data.common.errors import UserError
+from data.imu import read_imu
 from data.scans import ScanFolder
 from data.simulation import SpinningSensor
 from data.simulation.carriers import HANDHELD, Recorded, carrier_named
 from data.simulation.drive import plan_drive
+from data.simulation.imu import RATE as IMU_RATE
 from data.simulation.imu import imu_named
 from data.simulation.sensors import SENSORS, sensor_named
 from data.simulation.simulate import simulate
@@ -110,3 +112,17 @@ def test_every_sensor_has_rays_in_order_of_time(name: str) -> None:
     elevation = np.degrees(np.arcsin(directions[:, 2]))
     if name in (known := {"VLP-16": (-15, 15), "OS0-32": (-45, 45), "Mid-360": (-7, 52)}):
         np.testing.assert_allclose([elevation.min(), elevation.max()], known[name], atol=0.6)
+
+
+def test_a_drive_writes_samples_of_an_imu_that_agree_with_the_truth(building: SmallBuilding, tmp_path: Path) -> None:
+    sensor = SpinningSensor(azimuths=40)
+    way = {"carrier": HANDHELD, "seconds": 3.0, "mount_deg": (180.0, 0.0, 0.0)}
+    run = simulate(building.path, "Ground", tmp_path / "run", 1, sensor=sensor, imu="tactical", **way)
+    samples = read_imu(run.out_dir / "scans" / "imu.csv")
+    assert samples.stamps_ns[[0, -1]].tolist() == [0, 3_000_000_000]
+    assert np.median(samples.accel[:, 2]) < -9.0  # it hangs
+    truth = Trajectory.read_tum(run.out_dir / "truth.tum")
+    R = Rotation.from_matrix(truth.poses[0, :3, :3])
+    for rate in samples.gyro[: int(truth.stamps_ns[-1] / 1e9 * IMU_RATE)]:
+        R = R * Rotation.from_rotvec(rate / IMU_RATE)
+    assert (R.inv() * Rotation.from_matrix(truth.poses[-1, :3, :3])).magnitude() < 0.01

@@ -12,7 +12,6 @@ from small_ifc import PANE, ROOMS, SmallBuilding
 from data.common.errors import UserError
 from data.geometry.raycast import TriangleScene
 from data.scans import ScanFolder
-from data.simulate import _parser
 from data.simulation import SimulatedRun, SpinningSensor
 from data.simulation.carriers import HANDHELD
 from data.simulation.effects import EFFECTS, checked, timing_of
@@ -111,7 +110,7 @@ def test_times_are_written_or_not_and_stamps_may_be_of_another_instant(building:
         driven(building, tmp_path / "a", "snapshots", stamped="end", **way)
 
 
-def test_names_of_effects(capsys: pytest.CaptureFixture[str]) -> None:
+def test_names_of_effects() -> None:
     assert timing_of(checked([]), True) == "rolling" and timing_of(checked([]), False) == "snapshots"
     assert timing_of(checked(["all", "untimed"]), True) == "untimed"
     for names, message in (
@@ -120,7 +119,3 @@ def test_names_of_effects(capsys: pytest.CaptureFixture[str]) -> None:
     ):
         with pytest.raises(UserError, match=message):
             checked(names)
-    with pytest.raises(SystemExit):
-        _parser().parse_args(["--bim", "a.ifc", "--out", "out", "--effects", "glass", "fog"])
-    said = capsys.readouterr().err
-    assert "comma-separated" in said and "'fog'" in said and len(said.splitlines()) == 1
