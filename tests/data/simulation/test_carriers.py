@@ -1,6 +1,7 @@
 """Who carries the simulated sensor: how a person walks, what a recording gives, how a sensor is mounted."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -116,7 +117,7 @@ def test_every_sensor_has_rays_in_order_of_time(name: str) -> None:
 
 def test_a_drive_writes_samples_of_an_imu_that_agree_with_the_truth(building: SmallBuilding, tmp_path: Path) -> None:
     sensor = SpinningSensor(azimuths=40)
-    way = {"carrier": HANDHELD, "seconds": 3.0, "mount_deg": (180.0, 0.0, 0.0)}
+    way: dict[str, Any] = {"carrier": HANDHELD, "seconds": 3.0, "mount_deg": (180.0, 0.0, 0.0)}
     run = simulate(building.path, "Ground", tmp_path / "run", 1, sensor=sensor, imu="tactical", **way)
     samples = read_imu(run.out_dir / "scans" / "imu.csv")
     assert samples.stamps_ns[[0, -1]].tolist() == [0, 3_000_000_000]
