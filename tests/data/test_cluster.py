@@ -4,17 +4,15 @@ import os
 import signal
 import socket
 import sys
-from functools import partial
 from itertools import count, islice
 from pathlib import Path
 
 import pytest
-from cluster_tasks import failing, pretend, slowly_doubled
+from cluster_tasks import slowly_doubled
 
 from data.common import cluster as of_data
 from data.common.cli import run_command
-from data.common.cluster import RETRIES, completed, connected, in_order
-from data.common.errors import UserError
+from data.common.cluster import completed, connected, in_order
 from matching.train import main as train
 
 pytestmark = pytest.mark.slow
@@ -32,34 +30,11 @@ def test_every_task_has_one_result_and_order_is_kept_although_a_worker_is_killed
     assert list(islice(in_order(slowly_doubled, count(), scheduler), 9)) == list(range(0, 18, 2))
 
 
-@pytest.mark.parametrize("error", [ValueError, UserError])
-def test_a_task_that_raises_is_tried_again_and_fails_alone(
-    scheduler: str, tmp_path: Path, error: type[Exception]
-) -> None:
-    for log, times, fails in ((tmp_path / "too often", 9, True), (tmp_path / "at first", RETRIES, False)):
-        answers = dict(completed(partial(failing, log, error, times), range(6), scheduler=scheduler))
-        assert isinstance(answers[3], error) if fails else answers[3] == 6
-        assert {n: answers[n] for n in (0, 1, 2, 4, 5)} == {n: 2 * n for n in (0, 1, 2, 4, 5)}
-        assert len(log.read_text().splitlines()) == 1 + RETRIES
-
-
-def test_a_worker_of_another_build_is_refused(scheduler: str) -> None:
-    with connected(scheduler) as client:
-        client.run(pretend, "0.0.9")
-        try:
-            with pytest.raises(UserError, match=r"tcp://.*0\.0\.9"):
-                list(completed(slowly_doubled, range(3), scheduler=scheduler))
-        finally:
-            client.run(pretend, None)
-
-
 @pytest.mark.parametrize(
     ("given", "message"),
     [
         (["--scheduler", "tcp://127.0.0.1:9"], "tcp://127.0.0.1:9"),
-        (["--scheduler", "127.0.0.1"], "tcp://HOST:PORT"),
         (["--scheduler", "SILENT"], "no Dask scheduler"),
-        (["--scheduler", "WORKER"], "worker"),
         (["--workers", "2", "--scheduler", "HERE"], "--workers"),
         (["--scheduler", "WITHOUT DASK"], "pip install 'sgslam[cluster]'"),
     ],
@@ -69,9 +44,8 @@ def test_a_users_mistake_is_one_line(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     monkeypatch.setattr(of_data, "PATIENCE_S", 1.0)
-    with socket.create_server(("127.0.0.1", 0)) as silent, connected(scheduler) as client:
-        silently, worker = f"tcp://127.0.0.1:{silent.getsockname()[1]}", next(iter(client.nthreads()))
-        addresses = {"HERE": scheduler, "SILENT": silently, "WORKER": worker}
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        addresses = {"HERE": scheduler, "SILENT": f"tcp://127.0.0.1:{silent.getsockname()[1]}"}
         with monkeypatch.context() as patch, pytest.raises(SystemExit) as ended:
             if given[-1] == "WITHOUT DASK":
                 patch.setitem(sys.modules, "distributed", None)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from data.common.compiled import MOST_VERSIONS, compiled, folder, version
+from data.common.compiled import version
 from data.common.processes import environment
 
 SMALL = """
@@ -28,12 +28,6 @@ print(*(sum(f.stats.cache_misses.values()) for f in (small.twice, small.thrice))
 """
 
 
-def test_what_cannot_be_kept_on_disk_is_compiled_all_the_same() -> None:
-    names: dict[str, object] = {}
-    exec("def twice(x):\n    return 2 * x", names)  # of no file, so there is no place beside it
-    assert compiled(names["twice"])(21.0) == 42.0  # type: ignore[type-var, operator]
-
-
 def test_a_change_of_any_compiled_file_is_another_version(tmp_path: Path) -> None:
     (tmp_path / "matching").mkdir()
     versions = []
@@ -41,15 +35,6 @@ def test_a_change_of_any_compiled_file_is_another_version(tmp_path: Path) -> Non
         (tmp_path / "matching" / f"{name}.py").write_text(text)
         versions.append(version(tmp_path))
     assert versions[1] == versions[2] and len(set(versions)) == 3
-
-
-def test_old_versions_go_but_for_the_latest(tmp_path: Path) -> None:
-    for k in range(MOST_VERSIONS + 2):
-        os.utime(folder(tmp_path, str(k)), (k, k))
-    left = {path.name for path in tmp_path.iterdir()}
-    assert len(left) == MOST_VERSIONS and "sgslam-0" not in left and f"sgslam-{MOST_VERSIONS + 1}" in left
-    (tmp_path / "a file").touch()
-    assert not folder(tmp_path / "a file", "1").exists()
 
 
 @pytest.mark.slow

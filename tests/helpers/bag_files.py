@@ -38,13 +38,13 @@ def header(types: Any, stamp_ns: int) -> Any:
 
 
 def cloud(
-    types: Any, points: NDArray[Any], stamp_ns: int, time: tuple[str, NDArray[Any]] | None = None, *,
-    xyz: str = "f4", order: str = "<", height: int = 1, row_padding: int = 0, padding: int = 4, ring: bool = False,
-) -> Any:  # fmt: skip
-    """A PointCloud2: with `padding` bytes after x, y, z, `row_padding` after each of `height` rows."""
-    fields = [("x", xyz), ("y", xyz), ("z", xyz), ("pad", f"V{padding}")] if padding else [(a, xyz) for a in "xyz"]
+    types: Any, points: NDArray[Any], stamp_ns: int, time: tuple[str, NDArray[Any]] | None = None, **layout: Any
+) -> Any:
+    """A PointCloud2: with `padding` bytes after x, y, z, `row_padding` after each of `height` rows, `ring`, `order`."""
+    order, height, padding = layout.get("order", "<"), layout.get("height", 1), layout.get("padding", 4)
+    fields = [(axis, "f4") for axis in "xyz"] + [("pad", f"V{padding}")] * (padding > 0)
     fields += [] if time is None else [(time[0], time[1].dtype.str[1:])]
-    fields += [("ring", "u2")] if ring else []
+    fields += [("ring", "u2")] * layout.get("ring", False)
     dtype = np.dtype([(name, order + kind) for name, kind in fields])
     rows = np.zeros(len(points), dtype)
     for axis, column in zip("xyz", points.T, strict=True):
@@ -52,34 +52,26 @@ def cloud(
     if time is not None:
         rows[time[0]] = time[1]
     width = len(points) // height
-    packed = [rows[k * width : (k + 1) * width].tobytes() + b"\xff" * row_padding for k in range(height)]
+    rest = b"\xff" * layout.get("row_padding", 0)
+    packed = [rows[k * width : (k + 1) * width].tobytes() + rest for k in range(height)]
     kinds = [(name, dtype.fields[name][1], _KINDS[kind]) for name, kind in fields if kind in _KINDS]  # type: ignore[index]
     point_fields = [types.types["sensor_msgs/msg/PointField"](name, at, kind, 1) for name, at, kind in kinds]
-    return types.types[CLOUD](
-        header=header(types, stamp_ns), height=height, width=width, fields=point_fields, is_bigendian=order == ">",
-        point_step=dtype.itemsize, row_step=len(packed[0]), data=np.frombuffer(b"".join(packed), np.uint8),
-        is_dense=False,
-    )  # fmt: skip
+    head, data, big = header(types, stamp_ns), np.frombuffer(b"".join(packed), np.uint8), order == ">"
+    return types.types[CLOUD](head, height, width, point_fields, big, dtype.itemsize, len(packed[0]), data, False)
 
 
 def livox(types: Any, points: NDArray[np.float32], offsets: NDArray[np.uint32], stamp_ns: int) -> Any:
     point = types.types["livox_ros_driver2/msg/CustomPoint"]
     made = [point(int(t), *map(float, p), 9, 16, 3) for p, t in zip(points, offsets, strict=True)]
-    return types.types[LIVOX](
-        header=header(types, stamp_ns), timebase=stamp_ns, point_num=len(points), lidar_id=1,
-        rsvd=np.zeros(3, np.uint8), points=made,
-    )  # fmt: skip
+    return types.types[LIVOX](header(types, stamp_ns), stamp_ns, len(points), 1, np.zeros(3, np.uint8), made)
 
 
 def imu(types: Any, stamp_ns: int, gyro: NDArray[np.float64], accel: NDArray[np.float64]) -> Any:
     """A sensor_msgs/Imu with rates (3,) and specific forces (3,)."""
     vector, quaternion = (types.types[f"geometry_msgs/msg/{name}"] for name in ("Vector3", "Quaternion"))
-    unknown = np.zeros(9)
-    return types.types["sensor_msgs/msg/Imu"](
-        header=header(types, stamp_ns), orientation=quaternion(0.0, 0.0, 0.0, 1.0), orientation_covariance=unknown,
-        angular_velocity=vector(*map(float, gyro)), angular_velocity_covariance=unknown,
-        linear_acceleration=vector(*map(float, accel)), linear_acceleration_covariance=unknown,
-    )  # fmt: skip
+    head, turn, unknown = header(types, stamp_ns), quaternion(0.0, 0.0, 0.0, 1.0), np.zeros(9)
+    rates, forces = vector(*map(float, gyro)), vector(*map(float, accel))
+    return types.types["sensor_msgs/msg/Imu"](head, turn, unknown, rates, unknown, forces, unknown)
 
 
 def write_bag(path: Path, kind: str, topics: dict[str, list[tuple[int, Any]]]) -> Path:

@@ -5,9 +5,7 @@ from typing import Any
 
 import ifcopenshell
 import ifcopenshell.api.aggregate
-import ifcopenshell.api.context
 import ifcopenshell.api.feature
-import ifcopenshell.api.geometry
 import ifcopenshell.api.owner
 import ifcopenshell.api.owner.settings
 import ifcopenshell.api.project
@@ -15,16 +13,14 @@ import ifcopenshell.api.root
 import ifcopenshell.api.spatial
 import ifcopenshell.api.unit
 import numpy as np
+from ifcopenshell.api.context import add_context
+from ifcopenshell.api.geometry import assign_representation, edit_object_placement
 from numpy.typing import NDArray
 
 Polygon = list[tuple[float, float]]
 Entity = Any  # ifcopenshell.entity_instance
-UNITS = {
-    "metres": (1.0, {"is_metric": True, "raw": "METERS"}),
-    "millimetres": (0.001, {"is_metric": True, "raw": "MILLIMETERS"}),
-    "feet": (0.3048, {"is_metric": False, "raw": "FEET"}),
-    "inches": (0.0254, {"is_metric": False, "raw": "INCHES"}),
-}
+Xyz = tuple[float, float, float]
+UNITS = {"metres": (1.0, "METERS"), "millimetres": (0.001, "MILLIMETERS"), "feet": (0.3048, "FEET")}
 
 
 def box(x0: float, y0: float, x1: float, y1: float) -> Polygon:
@@ -40,11 +36,7 @@ class IfcModel:
     """
 
     def __init__(
-        self,
-        unit: str = "metres",
-        T_world_building: NDArray[np.float64] | None = None,
-        version: str = "IFC4",
-        drawn_at: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        self, unit: str = "metres", T_world_building: Any = None, version: str = "IFC4", drawn_at: Xyz = (0.0, 0.0, 0.0)
     ) -> None:
         self.drawn_at = np.array(drawn_at)
         self.file = ifcopenshell.api.project.create_file(version=version)
@@ -53,11 +45,8 @@ class IfcModel:
         self.scale, length = UNITS[unit]
         self.T_world_building = np.eye(4) if T_world_building is None else T_world_building
         project = self._entity("IfcProject", "project")
-        ifcopenshell.api.unit.assign_unit(self.file, length=length)
-        model = ifcopenshell.api.context.add_context(self.file, context_type="Model")
-        self.body = ifcopenshell.api.context.add_context(
-            self.file, context_type="Model", context_identifier="Body", target_view="MODEL_VIEW", parent=model
-        )
+        ifcopenshell.api.unit.assign_unit(self.file, length={"is_metric": unit != "feet", "raw": length})
+        self.body = add_context(self.file, "Model", "Body", "MODEL_VIEW", parent=add_context(self.file, "Model"))
         self.site, self.building = self._entity("IfcSite", "site"), self._entity("IfcBuilding", "building")
         for child, parent in ((self.site, project), (self.building, self.site)):
             ifcopenshell.api.aggregate.assign_object(self.file, products=[child], relating_object=parent)
@@ -91,17 +80,6 @@ class IfcModel:
             ifcopenshell.api.feature.add_filling(self.file, opening=opening, element=filled)
             self._shape(filled, polygon, z)
 
-    def assembly(self, ifc_class: str, parts: list[tuple[str, Polygon, tuple[float, float]]], storey: Entity) -> Entity:
-        """A product without a body, made of parts (class, polygon, z) that have one."""
-        whole = self._entity(ifc_class, "")
-        ifcopenshell.api.spatial.assign_container(self.file, products=[whole], relating_structure=storey)
-        self._place(whole, 0.0)
-        for part_class, polygon, z in parts:
-            part = self._entity(part_class, "")
-            ifcopenshell.api.aggregate.assign_object(self.file, products=[part], relating_object=whole)
-            self._shape(part, polygon, z)
-        return whole
-
     def save(self, path: Path) -> Path:
         """Writes the file."""
         self.file.write(str(path))
@@ -113,8 +91,9 @@ class IfcModel:
         organisation = ifcopenshell.api.owner.add_organisation(self.file)
         user = ifcopenshell.api.owner.add_person_and_organisation(self.file, person, organisation)
         application = ifcopenshell.api.owner.add_application(self.file, organisation)
-        ifcopenshell.api.owner.settings.get_user = lambda file: user if file is self.file else None
-        ifcopenshell.api.owner.settings.get_application = lambda file: application if file is self.file else None
+        settings = ifcopenshell.api.owner.settings
+        settings.get_user = lambda file: user if file is self.file else None
+        settings.get_application = lambda file: application if file is self.file else None
 
     def _entity(self, ifc_class: str, name: str) -> Entity:
         return ifcopenshell.api.root.create_entity(self.file, ifc_class=ifc_class, name=name)
@@ -124,9 +103,8 @@ class IfcModel:
         T[2, 3] = z
         if axis is not None:
             T[:2, :2] = np.array([axis, [-axis[1], axis[0]]]).T
-        ifcopenshell.api.geometry.edit_object_placement(
-            self.file, product=product, matrix=self.T_world_building @ T, should_transform_children=True
-        )
+        matrix = self.T_world_building @ T
+        edit_object_placement(self.file, product=product, matrix=matrix, should_transform_children=True)
 
     def _shape(self, product: Entity, polygon: Polygon, z: tuple[float, float]) -> None:
         """The local x axis lies along the polygon's longest side, as that of walls and doors does."""
@@ -142,4 +120,4 @@ class IfcModel:
         here = self.file.createIfcAxis2Placement3D(self.file.createIfcCartesianPoint((0.0, 0.0, 0.0)))
         solid = self.file.createIfcExtrudedAreaSolid(profile, here, up, (z[1] - z[0]) / self.scale)
         shape = self.file.createIfcShapeRepresentation(self.body, "Body", "SweptSolid", [solid])
-        ifcopenshell.api.geometry.assign_representation(self.file, product=product, representation=shape)
+        assign_representation(self.file, product=product, representation=shape)

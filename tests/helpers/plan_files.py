@@ -52,7 +52,7 @@ def feature(shape: Any, **properties: Any) -> dict[str, Any]:
     return {"type": "Feature", "geometry": mapping(shape), "properties": properties}
 
 
-def save_geojson(path: Path, features: list[dict[str, Any]]) -> Path:
+def geojson(path: Path, features: list[dict[str, Any]]) -> Path:
     """A collection of features."""
     path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
     return path
@@ -61,7 +61,7 @@ def save_geojson(path: Path, features: list[dict[str, Any]]) -> Path:
 def _geojson(path: Path, walls: Walls, rooms: bool = False, lines: bool = False) -> Path:
     parts = [shapely.LineString(ring) for ring in rings(walls)] if lines else shapely.get_parts(walls)
     features = [feature(p, kind="wall") for p in parts] + [feature(DOOR, type="door")]
-    return save_geojson(path, [*features, *[feature(CORE, element="room", name="Core")] * rooms])
+    return geojson(path, [*features, *[feature(CORE, element="room", name="Core")] * rooms])
 
 
 def _floor_plan(path: Path, walls: Walls) -> Path:

@@ -100,8 +100,6 @@ def _kitti(points: NDArray[np.float32]) -> NDArray[np.float32]:
 FILES: dict[str, Callable[[NDArray[np.float32]], bytes]] = {  # the last word is the suffix
     "kitti.bin": lambda p: _kitti(p).tobytes(),
     "single.npy": npy,
-    "double.npy": lambda p: npy(np.c_[p, p].astype(np.float64)),
-    "columns.npy": lambda p: npy(np.asfortranarray(p)),
     "organised.npy": lambda p: npy(_kitti(p).reshape(6, 10, 4)),
     "named.npy": lambda p: npy(records(p)),
     "ascii.ply": lambda p: ply(records(p), "ascii"),
@@ -112,22 +110,19 @@ FILES: dict[str, Callable[[NDArray[np.float32]], bytes]] = {  # the last word is
     "compressed.pcd": lambda p: pcd(records(p), "binary_compressed"),
     "ouster.pcd": _ouster_pcd,
     "1.2.las": las,
-    "1.4.las": lambda p: las(p, "1.4"),
     "packed.LAZ": lambda p: las(p, packed=True),
     "extra.laz": lambda p: las(p, "1.4", packed=True, extra=True),
 }
-UNTIMED = ("kitti.bin", "single.npy", "double.npy", "columns.npy", "organised.npy")
+UNTIMED = ("kitti.bin", "single.npy", "organised.npy")
 E57 = ("cartesian.e57", "spherical.e57")
-BAGS = ("ros1", "ros1-bz2", "ros1-lz4", "sqlite3", "sqlite3-zstd", "mcap")
+BAGS = ("ros1", "ros1-lz4", "sqlite3", "sqlite3-zstd", "mcap")
 LAYOUTS: dict[str, dict[str, Any]] = {  # of the drivers' messages
     "ouster": {"time": ("t", _NS)},
     "velodyne": {"time": ("time", SECONDS.astype(np.float32)), "ring": True},
     "hesai": {"time": ("timestamp", START * 1e-9 + SECONDS), "padding": 1},
     "ouster organised": {"time": ("t", _NS), "height": 4, "row_padding": 7},
     "livox cloud": {"time": ("timestamp", START + SECONDS * 1e9), "padding": 0},
-    "microseconds": {"time": ("time_stamp", (SECONDS * 1e6).astype(np.uint32))},
     "big endian": {"time": ("offset_time", _NS), "order": ">", "height": 2},
-    "doubles": {"time": ("time", SECONDS), "xyz": "f8"},
     "livox": {},
 }
 
@@ -177,7 +172,7 @@ def write_e57(path: Path, system: str, along: list[float]) -> Path:
             columns = {"sphericalRange": reach, "sphericalAzimuth": angles[0], "sphericalElevation": angles[1]}
         columns |= {f"{system}InvalidState": (np.arange(COUNT) == 5).astype(float), "timeStamp": SECONDS.copy()}
         node, pose, at, kinds = (lib.StructureNode(image) for _ in range(4))
-        for axis, value in zip("xyz", (x, 0.0, 0.0), strict=True):
+        for axis, value in {"x": x, "y": 0.0, "z": 0.0}.items():
             at.set(axis, lib.FloatNode(image, value))
         node.set("pose", pose)
         pose.set("translation", at)

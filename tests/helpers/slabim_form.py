@@ -13,11 +13,12 @@ from data.trajectory.stamps import ns_to_seconds
 
 SITE = np.array([220.0, 25.0, 0.0])
 FLOOR = (-0.2, -0.2, -0.2, 10.4, 7.4, 0.0)
-WALLS = (  # three rooms, a doorway under a lintel from the first to each of the others
-    (-0.2, -0.2, 0, 10.4, 0, 2.6), (-0.2, 7.2, 0, 10.4, 7.4, 2.6), (-0.2, 0, 0, 0, 7.2, 2.6),
-    (10.2, 0, 0, 10.4, 7.2, 2.6), (6, 0, 0, 6.2, 1.5, 2.6), (6, 2.5, 0, 6.2, 7.2, 2.6), (6, 1.5, 2.1, 6.2, 2.5, 2.6),
-    (0, 4, 0, 3, 4.2, 2.6), (4, 4, 0, 6, 4.2, 2.6), (3, 4, 2.1, 4, 4.2, 2.6),
-)  # fmt: skip
+TOP = 2.6
+SOUTH_AND_NORTH = ((-0.2, -0.2, 0, 10.4, 0, TOP), (-0.2, 7.2, 0, 10.4, 7.4, TOP))
+WEST_AND_EAST = ((-0.2, 0, 0, 0, 7.2, TOP), (10.2, 0, 0, 10.4, 7.2, TOP))
+TO_THE_EAST = ((6, 0, 0, 6.2, 1.5, TOP), (6, 2.5, 0, 6.2, 7.2, TOP), (6, 1.5, 2.1, 6.2, 2.5, TOP))  # under a lintel
+TO_THE_NORTH = ((0, 4, 0, 3, 4.2, TOP), (4, 4, 0, 6, 4.2, TOP), (3, 4, 2.1, 4, 4.2, TOP))
+WALLS = SOUTH_AND_NORTH + WEST_AND_EAST + TO_THE_EAST + TO_THE_NORTH  # three rooms
 SESSION = "3F_Region1"
 
 
@@ -29,8 +30,7 @@ def write_slabim(folder: Path) -> Path:
     boxes[0].export(mesh / "floors.ply")
     trimesh.util.concatenate(boxes[1:]).export(mesh / "walls.ply")
     trimesh.util.concatenate(boxes).export(folder / "rooms.stl")
-    run = simulate(folder / "rooms.stl", "", folder / "run", seed=1, min_rooms=3, min_length=12.0, sensor=SENSOR,
-                   robot=ROBOT, scan_format="pcd")  # fmt: skip
+    run = simulate(folder / "rooms.stl", "", folder / "run", 1, 3, 12.0, SENSOR, ROBOT, scan_format="pcd")
     points = root / "sensor_data" / SESSION / "points"
     (points / "data").mkdir(parents=True)
     for k, path in enumerate(sorted((folder / "run/scans").glob("*.pcd"))):

@@ -5,7 +5,7 @@ import json
 import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -26,15 +26,12 @@ from data.scans.sources import open_scans
 from data.scene_graph import SceneGraph
 from data.scene_graph.g2o import read_g2o
 from data.streams import McapPipe
-from data.trajectory import Trajectory
 from data.trajectory.readers import read_poses
 from data.trajectory.stamps import read_times
-from matching import Matcher
 from matching.learned.weights_file import load_learned
 from matching.self_test import three_rooms, write_small_network
 from sgslam.config import Config
 from sgslam.config.loading import load_config, save_config
-from sgslam.mapping import KeyframeClouds
 from sgslam.serialization import read_state, write_state
 
 
@@ -47,7 +44,7 @@ class Reader:
     samples: Callable[[Path], list[bytes]]
     read: Callable[[Path], object]
     share: float = 1.0
-    form: Literal["bytes", "json", "zip", "e57"] = "bytes"
+    form: Literal["bytes", "json", "zip"] = "bytes"
 
 
 def _scans(path: Path) -> object:
@@ -57,23 +54,6 @@ def _scans(path: Path) -> object:
 def _piped(path: Path) -> object:
     with path.open("rb") as file:
         return [len(arrival.scan.points) for arrival in McapPipe(file)]
-
-
-def _clouds(path: Path) -> object:
-    clouds = KeyframeClouds.open(path)
-    return [clouds[k] for k in clouds]
-
-
-def _network_of_torch(path: Path) -> object:
-    from matching.learned.torch_weights import load_network  # PyTorch is slow to import
-
-    return load_network(path)
-
-
-def _match(path: Path) -> object:
-    """A graph as it comes from a file, to the networks, as the map and as the plan."""
-    graph, matcher = SceneGraph.load(path), cache(Matcher.load)()
-    return matcher.match(graph, three_rooms()), matcher.match(three_rooms(), graph)
 
 
 def _scan_samples(suffix: str, folder: Path) -> list[bytes]:
@@ -133,17 +113,6 @@ def _state(folder: Path) -> list[bytes]:
     return [(folder / "a.npz").read_bytes()]
 
 
-def _cloud_file(folder: Path) -> list[bytes]:
-    made = KeyframeClouds(folder / "a.bin")
-    for k in range(3):
-        made.add(k, scan_files.points_of(k)[:5])
-    return [(folder / "a.bin").read_bytes()]
-
-
-def _e57(folder: Path) -> list[bytes]:
-    return [scan_files.write_e57(folder / f"{s}.e57", s, [0.0, 1.5]).read_bytes() for s in ("cartesian", "spherical")]
-
-
 SETTINGS = (save_config(Config()).encode(), b"odometry: {voxel_size: 0.4}\nkeyframes:\n  distance: 0.5\n")
 GRAPH = json.dumps(three_rooms().to_dict()).encode()
 
@@ -151,7 +120,6 @@ GRAPH = json.dumps(three_rooms().to_dict()).encode()
 def _all() -> Iterator[Reader]:
     for suffix in (".bin", ".npy", ".pcd", ".ply", ".las", ".laz"):
         yield Reader(f"scans {suffix}", suffix, partial(_scan_samples, suffix), read_timed)
-    yield Reader("scans .e57", ".e57", _e57, _scans, 0.3, "e57")
     for kind, suffix in (("ros1", ".bag"), ("ros1-lz4", ".bag"), ("mcap", ".mcap"), ("sqlite3", ".db3")):
         yield Reader(f"bag {kind}", suffix, partial(_bag, kind), _scans, 0.5)
     yield Reader("MCAP through a pipe", ".mcap", partial(_bag, "mcap"), _piped, 0.5)
@@ -171,17 +139,13 @@ def _all() -> Iterator[Reader]:
         ("EuRoC", ".csv", "170000000{k}000000000,1,2,{k}.5,0.8,0,0,0.6\n"),
     ):
         yield Reader(f"poses, {form}", suffix, partial(_lines, line), read_poses, 0.7)
-    yield Reader("trajectory", ".tum", partial(_lines, "{k}.5 1 {k} 0.5 0 0 0.6 0.8\n"), Trajectory.read_tum, 0.5)
     yield Reader("times", ".txt", partial(_lines, "170000000{k}.5\n"), read_times)
     yield Reader(
         "g2o", ".g2o", lambda _: ["\n".join(drawn_graph().lines).encode()], lambda p: read_g2o(p).scene_graph()
     )
     yield Reader("settings", ".yaml", lambda _: [*SETTINGS], lambda path: load_config(path, []), 0.3)
     yield Reader("network", ".npz", partial(_network, ".npz"), load_learned, 0.5, "zip")
-    yield Reader("network of torch", ".pt", partial(_network, ".pt"), _network_of_torch, 0.2, "zip")
-    yield Reader("network's input", ".json", lambda _: [GRAPH], _match, 0.02, "json")
     yield Reader("state", ".npz", _state, lambda path: read_state(path, {}), 0.5, "zip")
-    yield Reader("keyframe clouds", ".bin", _cloud_file, _clouds)
 
 
 READERS = tuple(_all())

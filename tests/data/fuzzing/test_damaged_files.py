@@ -23,14 +23,11 @@ from data.scans.reading_errors import UnreadableScanError
 
 MEMORY = 3 << 30  # bytes a reader may allocate, on top of what is loaded
 SECONDS = 60.0  # for an input; the machine may be shared
-PAGE = 1024  # bytes of E57
 NUMBER = re.compile(rb"-?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 WORDS = "nan inf -1 0 1e999 -1e308 1e-320 99999999999999999999 4294967295 1e30 0x10 $ * ' # () [] {} null &a [*a]"
 TEXTS = (*WORDS.encode().split(), b"", b'"', b"\n", b"\x00", b"\xff\xfe", b"9" * 5000, b"!!python/object:os.system")
 EDGES = (0, 1, 127, 255, 32767, 65535, 2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**62, 2**63 - 1, 2**64 - 1)
-ODD = (
-    '[null, true, 0, -1, 1e308, 1e-320, NaN, Infinity, 1e30, "", "x", "nan", [], {}, [[]], [0, 0], {"x": 1}, 1e6, 0.5]'
-)
+ODD = '[null, true, 0, -1, 1e308, 1e-320, NaN, Infinity, "", "x", "nan", [], {}, [[]], [0, 0], {"x": 1}, 0.5]'
 VALUES: list[Any] = [*json.loads(ODD), 10**30, "9" * 400, [None] * 4]
 
 
@@ -116,21 +113,7 @@ def damaged_zip(rng: Random, raw: bytes) -> bytes:
     return packed.getvalue()
 
 
-def damaged_e57(rng: Random, raw: bytes) -> bytes:
-    """With size and checksums (CRC-32C) made right again, since else nothing behind them is ever reached."""
-    pages = bytearray(damaged(rng, raw))
-    pages[16:24] = len(pages).to_bytes(8, "little")
-    for at in range(0, len(pages) - PAGE + 1, PAGE):
-        crc = 0xFFFFFFFF
-        for byte in pages[at : at + PAGE - 4]:
-            crc ^= byte
-            for _ in range(8):
-                crc = (crc >> 1) ^ 0x82F63B78 * (crc & 1)
-        pages[at + PAGE - 4 : at + PAGE] = (crc ^ 0xFFFFFFFF).to_bytes(4, "big")
-    return bytes(pages)
-
-
-FORMS = {"bytes": damaged, "json": damaged_json, "zip": damaged_zip, "e57": damaged_e57}
+FORMS = {"bytes": damaged, "json": damaged_json, "zip": damaged_zip}
 
 
 @st.composite
@@ -189,15 +172,3 @@ def test_damage_is_read_or_refused(reader: Reader, tmp_path: Path, pytestconfig:
             assert "\n" not in str(error)
 
     check()
-
-
-def test_a_reader_that_never_ends_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(globals(), "SECONDS", 0.1)
-    with pytest.raises(StuckError), bounded():
-        try:
-            while True:
-                pass
-        except Exception:
-            pass
-    with pytest.raises(MemoryError), bounded():
-        bytearray(MEMORY + (1 << 30))

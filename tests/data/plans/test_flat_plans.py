@@ -4,7 +4,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import shapely
 from plans import box
@@ -39,14 +38,6 @@ def test_collinear_edges_are_one_wall_and_slivers_and_rims_are_none(tmp_path: Pa
     assert lengths(read(tmp_path, [(0, 0), (4, 0), *rim])) == pytest.approx([3, 3, 4, 4], abs=0.04)
 
 
-def test_a_pillar_gives_surfaces_that_face_the_room(tmp_path: Path) -> None:
-    graph = read(tmp_path, shapely.Polygon(box(0, 0, 8, 6), [box(3, 2, 0.5, 0.5)]))
-    around = [w for w in graph.wall_surfaces if w.length == pytest.approx(0.5)]
-    assert len(around) == 4
-    for surface in around:
-        assert np.subtract(surface.centroid, (3.25, 2.25)) @ np.array(surface.normal) == pytest.approx(0.25)
-
-
 def test_a_door_joins_the_rooms_on_its_sides(tmp_path: Path) -> None:
     """Across its thinner side; an outer door has one room; no wall is lost to either."""
     inner, outer = box(4.0, 1, 0.1, 0.9), box(1, -0.3, 0.9, 0.3)
@@ -73,11 +64,3 @@ def test_overlaps_doubles_outside_and_shafts_are_no_rooms(tmp_path: Path) -> Non
     shapes, kinds = (box(0, 0, 4, 3), box(0, 4, 4, 2), box(5, 0, 1.5, 1.5)), "bedroom Balcony shaft"
     assert [r.name for r in read(tmp_path, *shapes, kinds=kinds).rooms] == ["bedroom"]
     assert [r.name for r in read(tmp_path, *shapes, kinds=kinds, merge=False).rooms] == ["bedroom", "Balcony"]
-
-
-def test_reading_twice_gives_the_same_whatever_corner_is_the_first(tmp_path: Path) -> None:
-    ring = [(0, 0), (5, 0), (5, 2), (3, 2), (3, 4), (0, 4)]
-    first = read(tmp_path, ring)
-    assert first == read(tmp_path, ring)
-    turned = read(tmp_path, ring[3:] + ring[:3])
-    assert {w.centroid for w in turned.wall_surfaces} == {w.centroid for w in first.wall_surfaces}

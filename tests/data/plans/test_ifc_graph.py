@@ -1,7 +1,6 @@
 """IFC models as A-graphs: small models against their truth, real ones against what must always hold."""
 
 import json
-import math
 import subprocess
 import sys
 import zipfile
@@ -19,10 +18,9 @@ from data.ifc.graph import read_ifc
 from data.ifc.writer import placed
 from data.plans import load_bim
 
-REAL = sorted((Path(__file__).parents[4] / "shared/data/ifc").glob("*.ifc"))
-SCHEMA = Path(__file__).parents[3] / "data" / "scene_graph" / "scene_graph.schema.json"
 EYE, SWISS, UTM = np.eye(4), (2_600_000.123, 1_200_000.456, 408.7), (691_608.1, 5_334_765.2, 515.0)
 WALL = (0.0, 2.7)
+Place = tuple[float, float, float]
 Side = tuple[str, float, float, float, float]  # room, normal x y, offset along the normal, length
 
 
@@ -82,25 +80,14 @@ def matches(found: list[Side], expected: list[Side], tolerance: float = 1e-4) ->
 @pytest.mark.parametrize(
     ("version", "unit", "place", "yaw", "drawn_there", "spaces"),
     [
-        ("IFC2X3", "inches", (0.0, 0.0, 0.0), 0.0, False, "AB"),
-        ("IFC2X3", "metres", UTM, 1.0, False, "AB"),
         ("IFC2X3", "millimetres", SWISS, 0.0, True, "AB"),
-        ("IFC4", "millimetres", (2800.0, -1100.0, 412.0), 0.5, False, "AB"),
         ("IFC4", "feet", UTM, -2.0, False, "AB"),
-        ("IFC4X3", "millimetres", UTM, 0.3, False, "AB"),
         ("IFC4X3_ADD2", "metres", SWISS, 0.3, False, "AB"),
-        ("IFC4", "metres", (0.0, 0.0, 0.0), 0.0, False, ""),
         ("IFC4", "millimetres", UTM, 0.5, False, ""),
     ],
 )
 def test_a_known_house(
-    version: str,
-    unit: str,
-    place: tuple[float, float, float],
-    yaw: float,
-    drawn_there: bool,
-    spaces: str,
-    tmp_path: Path,
+    version: str, unit: str, place: Place, yaw: float, drawn_there: bool, spaces: str, tmp_path: Path
 ) -> None:
     """Two storeys of two rooms; the west wall is one wall through both. Without spaces, rooms are the closed faces."""
     T = placed(*place, yaw)
@@ -112,10 +99,8 @@ def test_a_known_house(
     tolerance = 1e-4 if spaces else 1e-3
 
     floors, names = {f.id: f for f in graph.floors}, {}
-    assert [(f.name, pytest.approx(f.elevation)) for f in graph.floors] == [
-        ("ground", place[2]),
-        ("first", place[2] + 3),
-    ]
+    assert [f.name for f in graph.floors] == ["ground", "first"]
+    assert [f.elevation for f in graph.floors] == pytest.approx([place[2], place[2] + 3])
     for room in graph.rooms:
         x, y = T[:2, :2].T @ (np.array(room.centroid) - T[:2, 3])
         names[room.id] = f"{floors[room.floor or ''].name}-{'A' if x < 4 else 'B'}"
@@ -138,19 +123,13 @@ def test_a_known_house(
         assert (graph, notices) == read_ifc(tmp_path / "house.ifc")  # the same ids
 
 
-def shell(
-    space: Polygon | None = None, width: float = 6.0, depth: float = 4.0, top: float = 2.7
-) -> tuple[IfcModel, object]:
+def shell(space: Polygon | None = None, width: float = 6.0, depth: float = 4.0) -> tuple[IfcModel, object]:
     """Four walls around `width` x `depth` metres."""
     model, w, d = IfcModel(), width, depth
     storey = model.storey("ground", 0.0)
-    for area in (
-        box(-0.3, -0.3, w + 0.3, 0),
-        box(-0.3, d, w + 0.3, d + 0.3),
-        box(-0.3, 0, 0, d),
-        box(w, 0, w + 0.3, d),
-    ):
-        model.prism("IfcWall", area, (0.0, top), storey)
+    ends = ((-0.3, -0.3, w + 0.3, 0), (-0.3, d, w + 0.3, d + 0.3), (-0.3, 0, 0, d), (w, 0, w + 0.3, d))
+    for area in ends:
+        model.prism("IfcWall", box(*area), WALL, storey)
     if space:
         model.prism("IfcSpace", space, (0.0, 2.5), storey, "room")
     return model, storey
@@ -171,77 +150,8 @@ def test_surfaces_are_the_walls_faces_wherever_the_space_ends(tmp_path: Path, in
     assert matches(sides(read(model, tmp_path)), ONE_ROOM)
 
 
-def test_partitions_within_one_space_show_both_sides_and_their_ends(tmp_path: Path) -> None:
-    """Stalls, which are thin, show no ends; stumps beside a wide door are walls."""
-    model, storey = shell(box(0, 0, 6, 4))
-    model.prism("IfcWall", box(3, 0, 3.2, 1.5), (0.0, 2.0), storey)
-    stub = [("room", -1, 0, -3, 1.5), ("room", 1, 0, 3.2, 1.5), ("room", 0, 1, 1.5, 0.2)]
-    assert matches(sides(read(model, tmp_path)), ONE_ROOM + stub)
-
-    model, storey = shell(box(0, 0, 6, 4))
-    for x in (1.0, 2.0, 3.0):  # open to the room, drawn short of the floor
-        model.prism("IfcWall", box(x, 0, x + 0.025, 1.2), (0.3, 2.0), storey)
-    east = model.file.by_type("IfcWall")[3]
-    model.opening(east, box(5.9, 0.1, 6.4, 2.3), (0.0, 2.1), "IfcDoor")
-    model.opening(east, box(5.9, 2.4, 6.4, 3.9), (0.0, 2.1), "IfcDoor")
-    stalls = [("room", s, 0, s * x, 1.2) for x0 in (1.0, 2.0, 3.0) for s, x in ((-1, x0), (1, x0 + 0.025))]
-    assert matches(sides(read(model, tmp_path)), ONE_ROOM + stalls)
-
-
-@pytest.mark.parametrize(("width", "pieces"), [(1.2, [5.0]), (3.0, [1.0, 1.0])])
-def test_doorways_are_bridged_and_wide_passages_are_not(tmp_path: Path, width: float, pieces: list[float]) -> None:
-    """Both are open up to the ceiling in one wall; their reveals are no surfaces."""
-    model = IfcModel()
-    two_rooms(model, 0.0, "g")
-    partition = model.file.by_type("IfcWall")[-1]
-    model.opening(partition, box(3.9, 2.5 - width / 2, 4.3, 2.5 + width / 2), (-1.0, 4.0))
-    facing = [s for s in sides(read(model, tmp_path)) if s[0] == "g-A" and s[1] == -1]
-    assert [s[4] for s in facing] == pytest.approx(pieces)
-
-
-def test_wall_behind_another_wall_is_not_seen(tmp_path: Path) -> None:
-    model, storey = shell(box(0, 0.17, 6, 4))
-    lining = model.prism("IfcWall", box(0, 0.05, 6, 0.17), (0.0, 3.0), storey)  # a cavity of 5 cm behind it
-    graph = read(model, tmp_path)
-    expected = [("room", 1, 0, 0, 3.83), ("room", -1, 0, -6, 3.83), ("room", 0, 1, 0.17, 6.0), ONE_ROOM[3]]
-    assert matches(sides(graph), expected)
-    assert [w.source for w in indoors(graph) if w.normal[1] > 0.9] == [lining.GlobalId]
-
-
-def test_curved_wall_becomes_chords(tmp_path: Path) -> None:
-    model, radius, angle = IfcModel(), 3.0, np.linspace(0.0, np.pi, 121)
-    storey = model.storey("ground", 0.0)
-    inner, outer = ((r * np.stack([np.cos(angle), np.sin(angle)], axis=1)).tolist() for r in (radius, radius + 0.3))
-    model.prism("IfcWall", inner + outer[::-1], (0.0, 3.0), storey)
-    model.prism("IfcWall", box(-3.3, -0.3, 3.3, 0), (0.0, 3.0), storey)
-    model.prism("IfcSpace", inner, (0.0, 2.5), storey, "round")
-    curved = [w for w in read(model, tmp_path).wall_surfaces if w.room is not None and (w.length or 0) < 5]
-    assert 15 < len(curved) < 32
-    assert sum(w.length or 0 for w in curved) == pytest.approx(np.pi * radius, rel=0.01)
-    for w in curved:
-        assert np.hypot(*w.centroid) == pytest.approx(radius, abs=0.02)
-        assert np.dot(w.normal, w.centroid) / radius < -0.99
-
-
-@pytest.mark.parametrize("outline", [4.0, 4.05, 4.1], ids=["inner", "centre", "outer"])
-def test_curtain_wall_of_panes_and_mullions_is_one_surface(tmp_path: Path, outline: float) -> None:
-    model = IfcModel("millimetres")
-    storey = model.storey("ground", 0.0)
-    for area in (box(-0.3, -0.3, 6.3, 0), box(-0.3, 0, 0, 4), box(6, 0, 6.3, 4)):
-        model.prism("IfcWall", area, (0.0, 3.0), storey)
-    panes = [("IfcPlate", box(x + 0.025, 4.04, x + 1.475, 4.06), (0.0, 3.0)) for x in (0, 1.5, 3, 4.5)]
-    mullions = [("IfcMember", box(x - 0.025, 4.0, x + 0.025, 4.1), (0.0, 3.0)) for x in (0.025, 1.5, 3, 4.5, 5.975)]
-    curtain = model.assembly("IfcCurtainWall", panes + mullions, storey)
-    model.prism("IfcSpace", box(0, 0, 6, outline), (0.0, 2.5), storey, "room")
-    graph = read(model, tmp_path)
-    (pane,) = [w for w in indoors(graph) if w.source == curtain.GlobalId]
-    assert len(indoors(graph)) == 4 and len(graph.wall_surfaces) == 8
-    assert pane.normal == pytest.approx((0.0, -1.0)) and pane.length == pytest.approx(6.0, abs=0.06)
-    assert 4.0 <= pane.centroid[1] <= 4.04
-
-
 def test_walls_that_enclose_nothing_show_every_free_side(tmp_path: Path) -> None:
-    """In a building without rooms, on a storey without, and beside rooms: in a wing whose end is open."""
+    """In a building without rooms, and in a wing whose end is open."""
     model = IfcModel()
     storey = model.storey("ground", 0.0)
     model.prism("IfcWall", box(0, -0.1, 8, 0.3), WALL, storey)
@@ -252,17 +162,12 @@ def test_walls_that_enclose_nothing_show_every_free_side(tmp_path: Path) -> None
     assert "no IfcSpace" in notice and "2 walls enclose none" in notice
 
     model, storey = shell()
-    upper = model.storey("upper", 3.0)
-    for area in (box(0, 0, 6, 0.3), box(0, 0.3, 0.3, 4)):
-        model.prism("IfcWall", area, (3.0, 5.7), upper)
     model.prism("IfcWall", box(6.3, -0.3, 12.0, 0), WALL, storey)
     model.prism("IfcWall", box(6.3, 4, 12.0, 4.3), WALL, storey)
     graph, notices = read_ifc(model.save(tmp_path / "m.ifc"))
-    assert "1 room was made of the closed faces between 8 walls" in notices[0]
-    above, below = graph.on_floor(upper.GlobalId), graph.on_floor(graph.floors[0].id)
-    assert not above.rooms and above.wall_surfaces and all(w.room is None for w in above.wall_surfaces)
-    assert len(graph.surfaces_of_room[below.rooms[0].id]) == 4
-    wing = sorted(np.round(w.normal, 6).tolist() for w in indoors(below) if w.room is None)
+    assert "1 room was made of the closed faces between 6 walls" in notices[0]
+    assert len(graph.surfaces_of_room[graph.rooms[0].id]) == 4
+    wing = sorted(np.round(w.normal, 6).tolist() for w in indoors(graph) if w.room is None)
     assert wing == [[0.0, -1.0], [0.0, 1.0], [1.0, 0.0]]
 
 
@@ -296,7 +201,7 @@ def areas(model: IfcModel, folder: Path) -> list[float]:
 
 @pytest.mark.parametrize(
     ("gap", "filling", "rooms"),
-    [(0.25, None, 2), (2.0, None, 1), (0.9, "IfcDoor", 2), (2.0, "IfcDoor", 2), (2.0, "IfcWindow", 2)],
+    [(0.25, None, 2), (2.0, None, 1), (2.0, "IfcDoor", 2), (2.0, "IfcWindow", 2)],
 )
 def test_gaps_between_walls_join_rooms_unless_narrow_or_filled(
     tmp_path: Path, gap: float, filling: str | None, rooms: int
@@ -321,39 +226,6 @@ def test_openings_under_a_lintel_join_rooms_if_wide_and_unfilled(
     found = areas(model, tmp_path)
     assert len(found) == rooms
     assert rooms == 1 or found == pytest.approx([2.9 * 4, 2.9 * 4], abs=0.02)  # the opening is thicker than the wall
-
-
-def test_columns_shafts_and_cavities_are_no_rooms_but_columns_close_a_front(tmp_path: Path) -> None:
-    model, storey = shell(width=10.0, depth=6.0)
-    for area in (box(4, 2, 4.1, 3), box(5, 2, 5.1, 3), box(4, 1.9, 5.1, 2), box(4, 3, 5.1, 3.1)):
-        model.prism("IfcWall", area, WALL, storey)  # a shaft of 0.9 m x 1 m
-    for area in (box(7, 1, 7.2, 1.2), box(7, 4, 7.2, 4.2)):
-        model.prism("IfcColumn", area, WALL, storey)
-    model.prism("IfcWall", box(0, 5.4, 10, 5.5), WALL, storey)  # 0.5 m before the north wall
-    assert areas(model, tmp_path) == [pytest.approx(54.0, abs=0.01)]
-
-    model = IfcModel()
-    storey = model.storey("ground", 0.0)
-    for area in (box(-0.3, -0.3, 12.3, 0), box(-0.3, 0, 0, 4), box(12, 0, 12.3, 4), box(-0.3, 4, 2.7, 4.3)):
-        model.prism("IfcWall", area, WALL, storey)
-    model.prism("IfcWall", box(9.3, 4, 12.3, 4.3), WALL, storey)  # 6.6 m apart, wider than a gate
-    assert areas(model, tmp_path) == []
-    model.prism("IfcColumn", box(2.7, 4, 3.5, 4.3), WALL, storey)
-    assert areas(model, tmp_path) == [pytest.approx(48.0, abs=0.01)]
-
-
-def test_a_room_beside_split_levels_stands_at_the_level_of_its_door(tmp_path: Path) -> None:
-    """Rooms at 0.0 m and 1.4 m, with walls as high as both: each is met at both levels' heights."""
-    model, lower = shell(top=4.1)
-    middle = model.storey("middle", 1.4)
-    for area in (box(6.3, -0.3, 11.3, 0), box(6.3, 4, 11.3, 4.3), box(11, 0, 11.3, 4)):
-        model.prism("IfcWall", area, (0.6, 4.1), middle)
-    north, east = model.file.by_type("IfcWall")[1], model.file.by_type("IfcWall")[6]
-    model.opening(north, box(1, 3.9, 2, 4.4), (0.0, 2.0), "IfcDoor")
-    model.opening(east, box(10.9, 1, 11.4, 2), (1.4, 3.4), "IfcDoor")
-    graph = read(model, tmp_path)
-    assert {r.floor: round(r.centroid[0], 1) for r in graph.rooms} == {lower.GlobalId: 3.0, middle.GlobalId: 8.7}
-    assert [len(d.rooms) for d in graph.doors] == [1, 1]
 
 
 def test_zip_json_and_cache_give_the_same_graph(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -381,10 +253,9 @@ def test_broken_archives_and_a_reader_that_goes_down_are_reported(
 ) -> None:
     path = shell(box(0, 0, 6, 4))[0].save(tmp_path / "m.ifc")
     good = path.read_bytes()
-    for name, members in {
-        "none": {"a.txt": b"x"}, "two": {"a.ifc": good, "b.ifc": good}, "cut": {"a.ifc": good[: len(good) // 2]},
-        "bomb": {"a.ifc": bytes(60_000_000)}, "cannot be unpacked": {},
-    }.items():  # fmt: skip
+    half = good[: len(good) // 2]
+    bad = {"none": {"a.txt": b"x"}, "two": {"a.ifc": good, "b.ifc": good}, "cut": {"a.ifc": half}, "no archive": {}}
+    for name, members in bad.items():
         with zipfile.ZipFile(tmp_path / f"{name}.ifczip", "w", zipfile.ZIP_DEFLATED) as archive:
             for member, raw in members.items():
                 archive.writestr(member, raw)
@@ -398,25 +269,3 @@ def test_broken_archives_and_a_reader_that_goes_down_are_reported(
     assert "\n" not in str(told.value)
     monkeypatch.undo()
     assert len(guard.read_guarded(path)["graph"]["rooms"]) == 1  # the helper lives on
-
-
-@pytest.mark.long
-@pytest.mark.skipif(not REAL, reason="../shared/data/ifc is not there")
-@pytest.mark.parametrize("path", REAL, ids=lambda p: p.stem)
-def test_real_models(path: Path, tmp_path: Path) -> None:
-    jsonschema = pytest.importorskip("jsonschema")
-    graph = load_bim(path, tmp_path).graph
-    jsonschema.validate(json.loads(json.dumps(graph.to_dict())), json.loads(SCHEMA.read_text()))
-    areas = {r.id: shapely.Polygon(r.polygon) for r in graph.rooms}
-    assert graph.wall_surfaces and all(a.is_valid and a.area >= 1 for a in areas.values())
-    for w in graph.wall_surfaces:
-        assert w.plane and w.length and w.height
-        assert math.hypot(*w.normal) == pytest.approx(1.0)
-        assert np.dot(w.plane[:2], w.centroid) + w.plane[3] == pytest.approx(0.0, abs=1e-6)
-        assert w.length >= 0.15 and w.height[1] - w.height[0] >= 0.3
-        ends = np.array(w.ends())  # its room lies within 0.35 m before it
-        before = shapely.Polygon([*ends, *(ends + 0.35 * np.array(w.normal))[::-1]])
-        assert w.room is None or areas[w.room].intersects(before)
-    enclosed = [len(graph.surfaces_of_room[r.id]) >= 3 for r in graph.rooms]
-    assert not enclosed or np.mean(enclosed) > 0.85
-    assert all(len(d.rooms) <= 2 for d in graph.doors)

@@ -11,15 +11,12 @@ from commands import called
 from data.common.errors import UserError
 from data.generation.buildings import generate_plan
 from data.generation.plan_mesh import HEIGHT, plan_triangles, write_plan_mesh
-from data.plans.mesh_files import read_triangles
 from data.plans.mesh_plan import read_mesh
-from data.plans.mesh_sections import mesh_solid, winding_numbers
 from data.scans.formats import read_points
 from data.scene_graph import Room, SceneGraph
 from data.simulation import Changes, SpinningSensor
 from data.simulation.simulate import simulate
 
-MESHES = Path(__file__).parents[3] / "../shared/data/meshes"
 BOXES = (  # two rooms of 4 x 4 m side by side and a doorway between them, under a lintel; a hole at the floor's edge
     (-0.2, -0.2, -0.2, 8.4, 4.2, 0.0), (-0.2, -0.2, 0.0, 8.4, 0.0, 2.6), (-0.2, 4.0, 0.0, 8.4, 4.2, 2.6),
     (-0.2, 0.0, 0.0, 0.0, 4.0, 2.6), (8.2, 0.0, 0.0, 8.4, 1.5, 2.6), (8.2, 2.5, 0.0, 8.4, 4.0, 2.6),
@@ -62,64 +59,18 @@ def test_two_storeys_are_separated(tmp_path: Path) -> None:
     assert max(w.height[1] for w in graph.on_floor(graph.floors[0].id).wall_surfaces if w.height) < 3.0
 
 
-@pytest.mark.parametrize("building", ["apartment_3", "skewed_1"])  # both are turned
-def test_a_generated_building_is_read_as_it_was_drawn(building: str, tmp_path: Path) -> None:
-    kind, seed = building.rsplit("_", 1)
-    drawn = generate_plan(kind, int(seed)).graph
+def test_a_generated_building_is_read_as_it_was_drawn(tmp_path: Path) -> None:
+    drawn = generate_plan("skewed", 1).graph
     write_plan_mesh(drawn, tmp_path / "building.stl")
     read = read_mesh(tmp_path / "building.stl").graph
     outlines = [shapely.Polygon(room.polygon) for room in drawn.rooms if room.polygon]
-    assert (
-        len(read.rooms)
-        == len(outlines)
-        == sum(any(outline.contains(shapely.Point(room.centroid)) for room in read.rooms) for outline in outlines)
-    )
+    assert len(read.rooms) == len(outlines)
+    assert all(any(own.contains(shapely.Point(room.centroid)) for room in read.rooms) for own in outlines)
     inner = [door for door in drawn.doors if len(door.rooms) == 2]
     assert len(read.doors) == pytest.approx(len(inner), abs=1)
     assert all(wall.height == pytest.approx((0.0, HEIGHT)) for wall in read.wall_surfaces if wall.room)
     with pytest.raises(UserError, match="without rooms"):
         plan_triangles(SceneGraph("bim", (Room("r", (0.0, 0.0)),), ()))
-
-
-def test_sections_hold_where_the_surface_has_holes_and_bodies_overlap() -> None:
-    body = trimesh.util.concatenate(
-        [trimesh.creation.box(bounds=[[0, 0, 0], [4, 1, 3]]), trimesh.creation.box(bounds=[[3, 0, 0], [4, 5, 3]])]
-    )
-    triangles = np.asarray(body.triangles)
-    whole = mesh_solid(triangles, "l").section(1.5)
-    assert np.isclose(whole.area, 4 + 5 - 1) and whole.contains(shapely.Point(3.5, 0.5))
-    capless = triangles[np.abs(body.face_normals[:, 2]) < 0.5]  # neither tops nor bottoms
-    assert np.isclose(mesh_solid(capless, "l").section(1.5).area, 8.0)
-    inside, outside = winding_numbers(triangles, np.array([[1.0, 0.5, 1.0], [1.0, 2.0, 1.0]]))
-    assert abs(inside) == pytest.approx(1.0) and outside == pytest.approx(0.0, abs=1e-9)
-
-
-def test_collada_keeps_its_unit_and_its_up_axis(tmp_path: Path) -> None:
-    upright = two_rooms()
-    turned = upright.copy()
-    turned.vertices = upright.vertices[:, [1, 2, 0]] * 100.0  # y up, centimetres
-    text = trimesh.exchange.dae.export_collada(turned).decode()
-    path = tmp_path / "rooms.dae"
-    axis = "<up_axis>Y_UP</up_axis>"
-    assert axis in text
-    path.write_text(text.replace(axis, f'<unit name="centimetre" meter="0.01"/>{axis}'))
-    low, high = (f(read_triangles(path).reshape(-1, 3), axis=0) for f in (np.min, np.max))
-    np.testing.assert_allclose([low, high], upright.bounds, atol=1e-6)
-
-
-@pytest.mark.skipif(not MESHES.exists(), reason=f"{MESHES} is absent")
-@pytest.mark.parametrize(
-    ("name", "rooms"),
-    [("47_basement_pbp.stl", 7), ("1st_build_EX_114551_1st_floor.dae", 3), ("1st_build_EX_114551_2nd_floor.dae", 5)],
-)
-def test_published_buildings(name: str, rooms: int) -> None:
-    graph = read_mesh(MESHES / name).graph
-    assert len(graph.rooms) == rooms and len(graph.floors) == 1
-    for room in graph.rooms:
-        area = shapely.Polygon(room.polygon)
-        walls = graph.surfaces_of_room[room.id]
-        assert area.is_valid and len(walls) >= 3
-        assert all(area.distance(shapely.Point(w.centroid)) < 0.3 for w in walls)
 
 
 def test_a_robot_drives_and_scans_in_the_mesh_and_a_command_reads_it(stl: Path, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 import io
 import json
 import tarfile
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -10,41 +11,16 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
-from plan_files import (
-    COLUMNS,
-    CORE,
-    DOOR,
-    FAR,
-    PLANS,
-    TOP,
-    T,
-    X,
-    Y,
-    dxf,
-    feature,
-    hall,
-    new_drawing,
-    read_plan,
-    save_geojson,
-)  # fmt: skip
-from plans import SHARED, a_graph
-from plans import box as corners
+from plan_files import COLUMNS, CORE, DOOR, FAR, PLANS, T, X, Y, dxf, feature, geojson, hall, new_drawing, read_plan
 from shapely.geometry import LineString, box, mapping
 
 from data.common.errors import UserError
-from data.generation.halls import KINDS, generate_hall, write_hall
 from data.geometry.areas import united
-from data.ifc.graph import read_ifc
 from data.ifc.writer import IfcWriter
-from data.ifc.writer import box as prism
 from data.plans import load_bim, read_plans
 from data.plans.dxf import is_wall_layer
 from data.plans.mesh_plan import read_mesh
-from data.plans.sources import Plan
-from data.plans.splits import split_of
 from data.scene_graph import SceneGraph
-
-FLOORPLANS = SHARED / "data" / "floorplans"
 
 
 def at(graph: SceneGraph, x: float, y: float, normal: tuple[int, int]) -> list[str | None]:
@@ -102,11 +78,13 @@ def test_a_hall_that_is_open_at_a_gate_is_a_room(form: str, gate: float, rooms: 
 @pytest.mark.parametrize(
     ("unit", "units", "metric", "guessed"),
     [
-        (0.001, 4, 1, False), (0.01, 5, 1, False), (0.0254, 1, 0, False), (0.3048, 2, 0, False),
-        (0.001, 0, 1, True), (0.01, 0, 1, True), (1.0, 0, 1, True), (0.0254, 0, 0, True), (0.3048, 0, 0, True),
+        (0.001, 4, 1, False),
+        (0.3048, 2, 0, False),
+        (0.01, 0, 1, True),
+        (0.0254, 0, 0, True),
         (0.001, 6, 1, True),  # stated wrongly: sixteen kilometres
     ],
-)  # fmt: skip
+)
 def test_units_of_drawings_given_and_guessed(
     unit: float, units: int, metric: int, guessed: bool, tmp_path: Path
 ) -> None:
@@ -122,7 +100,6 @@ def test_walls_are_on_layers_with_such_names(layer: str, tmp_path: Path) -> None
     bim = load_bim(dxf(tmp_path / "a.dxf", hall(), "outlines", layer, drawing=drawing))
     assert_is_the_hall(bim.graph)
     assert any(layer in notice for notice in bim.notices) and bim.graph.floors[0].elevation == 0.0
-    assert all(map(is_wall_layer, ["Wand_tragend", "INNENWÄNDE", "MUR-01", "muros", "A-GLAZ", "x$0$S-COLUMN"]))
     assert not any(map(is_wall_layer, ["A-DOOR", "FURNITURE", "A-WALL-DIMS", "TEXT", "0", "murmur2", "Decke"]))
 
 
@@ -137,8 +114,8 @@ def test_layers_are_asked_for_where_no_name_says_it(tmp_path: Path) -> None:
     assert_is_the_hall(load_bim(path, layers=["x-1"]).graph)
 
 
-CENTRES = [[(0, 0), (10, 0)], [(10, 0), (10, 6)], [(10, 6), (0, 6)], [(0, 6), (0, 0)], [(6, 0), (6, 2)],
-           [(6, 2.9), (6, 6)]]  # fmt: skip
+RING = [(0, 0), (10, 0), (10, 6), (0, 6), (0, 0)]
+CENTRES = [*pairwise(RING), ((6, 0), (6, 2)), ((6, 2.9), (6, 6))]
 ROOMS = [box(0.3, 0.3, 6.0, 5.7), box(6.1, 0.3, 9.7, 5.7)]
 
 
@@ -163,15 +140,16 @@ def test_walls_drawn_as_single_lines_and_with_open_ends(tmp_path: Path) -> None:
         assert [len(d.rooms) for d in bim.graph.doors] == [2]
         assert any("single lines" in n for n in bim.notices) == (drawing is single)
     thick = [feature(LineString(c), layer="walls", thickness=0.1) for c in CENTRES]
-    assert len(load_bim(save_geojson(tmp_path / "thick.geojson", thick)).graph.rooms) == 2
+    assert len(load_bim(geojson(tmp_path / "thick.geojson", thick)).graph.rooms) == 2
 
 
 def test_storeys_heights_and_names_of_geojson(tmp_path: Path) -> None:
     features = [
-        feature(room, type="room", name=f"{s}{k}", storey=s, elevation=z, height=3.0)
-        for s, z in (("upper", 3.0), ("ground", 0.0)) for k, room in enumerate(ROOMS)
-    ]  # fmt: skip
-    graph = load_bim(save_geojson(tmp_path / "two.geojson", features)).graph
+        feature(room, type="room", name=f"{storey}{k}", storey=storey, elevation=z, height=3.0)
+        for storey, z in (("upper", 3.0), ("ground", 0.0))
+        for k, room in enumerate(ROOMS)
+    ]
+    graph = load_bim(geojson(tmp_path / "two.geojson", features)).graph
     assert [(f.name, f.elevation) for f in graph.floors] == [("ground", 0.0), ("upper", 3.0)]
     upper = graph.on_floor(graph.floors[1].id)
     assert {r.name for r in upper.rooms} == {"upper0", "upper1"}
@@ -182,34 +160,10 @@ def test_geojson_in_degrees(tmp_path: Path) -> None:
     """As an indoor map gives it: longitude and latitude, rooms that touch."""
     metres = np.array([np.cos(np.radians(47.37)), 1.0]) * np.radians(1) * 6_378_137.0
     rooms = [shapely.transform(box(*b), lambda xy: xy / metres + [8.54, 47.37]) for b in ((0, 0, 6, 6), (6, 0, 10, 6))]
-    bim = load_bim(save_geojson(tmp_path / "map.geojson", [feature(r, indoor="room", level="0") for r in rooms]))
+    bim = load_bim(geojson(tmp_path / "map.geojson", [feature(r, indoor="room", level="0") for r in rooms]))
     np.testing.assert_allclose(areas(bim.graph), [36, 24], rtol=0.02)
     assert len(bim.graph.wall_surfaces) == 8  # also where they touch
     assert any("longitude" in n for n in bim.notices)
-
-
-def test_a_floor_that_is_exported_as_a_wall_is_no_wall(tmp_path: Path) -> None:
-    graphs = []
-    for floors in (0, 1):
-        writer = IfcWriter("floors", {"Ground": 0.0})
-        for x0, y0, x1, y1 in ((0, 0, 6, 0.3), (0, 4, 6, 4.3), (0, 0.3, 0.3, 4), (5.7, 0.3, 6, 4)):
-            writer.element("IfcWall", "", "Ground", [prism(x0, y0, 0.0, x1, y1, TOP)])
-        for low, high in ((-0.3, 0.0), (1.0, 1.35)) * floors:  # a floor and a platform
-            writer.element("IfcWall", "", "Ground", [prism(2, 1, low, 4, 3, high)])
-        writer.save(tmp_path / "plan.ifc")
-        graphs.append(read_ifc(tmp_path / "plan.ifc")[0])
-    planes = [[(w.plane, w.length, w.height) for w in graph.wall_surfaces] for graph in graphs]
-    assert planes[0] == planes[1] and len(planes[0]) == 8 and len(graphs[1].rooms) == 1
-
-
-def test_generated_halls_are_the_same_each_time(tmp_path: Path) -> None:
-    for kind in KINDS:
-        written = []
-        for _ in range(2):
-            write_hall(generate_hall(kind, 0), tmp_path / "a.stl", tmp_path / "a.geojson")
-            written.append(((tmp_path / "a.stl").read_bytes(), (tmp_path / "a.geojson").read_bytes()))
-        assert written[0] == written[1]
-        assert max(areas(load_bim(tmp_path / "a.geojson").graph)) > 400
 
 
 def json_plan(*rooms: Any, **more: Any) -> str:
@@ -220,32 +174,25 @@ def line(*points: str) -> str:
     return f'{{"type": "Feature", "geometry": {{"type": "LineString", "coordinates": [{",".join(points)}]}}}}'
 
 
-NO_ROOM, DOORS = (
-    json.dumps({"rooms": [{"polygon": {"type": "Polygon"}}]}),
-    {"door": [{"polygon": mapping(box(400, 100, 410, 190))}]},
-)
+NO_ROOM = json.dumps({"rooms": [{"polygon": {"type": "Polygon"}}]})
+DOORS = {"door": [{"polygon": mapping(box(400, 100, 410, 190))}]}
 WRONG = [  # name of the file, content, part of what is said
     ("garbage.ifc", "hello", "not IFC"),
     ("a.py", "import os", "not a building"),
     ("graph.json", "{}", "not a scene graph"),
     ("a.dxf", "no drawing", "DXF"),
-    ("a.dxf", "", "DXF"),
-    ("a.dxf", "AC1027\x00\x00", "DXF"),
     ("a.geojson", "[" * 100_000, "not JSON"),
-    ("a.geojson", "{}", "not GeoJSON"),
     ("a.geojson", '{"type": "FeatureCollection", "features": []}', "no features"),
     ("a.geojson", line("[0, 0]", "[1]"), "broken geometry"),
     ("a.geojson", line("[0,0]", "[1e999,0]", "[1,1]"), "finite"),
     ("a.geojson", line("[0,0]", "[90000,0]"), "extends"),
     ("a.geojson", '{"type": "Feature", "geometry": {"type": "Point", "coordinates": [0,0]}}', "not a building's size"),
-    ("a.json", json_plan(), "no room with walls"),
     ("a.json", json_plan(box(0, 0, 4, 3), unit="mm"), "metres"),
     ("a.json", json_plan(box(0, 0, 400, 300), elements=DOORS), "doors are 90 m wide"),
     ("a.json", NO_ROOM, "not a floor plan"),
-    ("a.json", NO_ROOM.replace('"Polygon"', '"Point", "coordinates": [1, 2]'), "empty"),
     ("a.stl", "solid nothing", "cannot be read|no triangles"),
     ("far.obj", "v 0 0 0\nv -1e308 0 3\nv 0 1e308 3\nf 1 2 3\n", "wide"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("name", "content", "message"), WRONG)
@@ -314,44 +261,3 @@ def test_an_archive_is_read_without_being_unpacked(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-40])
     with pytest.raises(UserError, match="tar archive"):
         list(read_plans(path))
-
-
-def test_scene_graphs_and_ifc_models_are_plans(tmp_path: Path) -> None:
-    graph = a_graph([corners(0, 0, 4, 3), corners(4.2, 0, 3, 3)])
-    graph.save(tmp_path / "house.json")
-    assert list(read_plans(tmp_path / "house.json")) == [Plan("house", "house", graph)]
-    (plan,) = read_plans(PLANS["ifc with rooms"](tmp_path, hall()))
-    assert plan.name == "b" and "Core" in {r.name for r in plan.graph.rooms}
-
-
-def test_split_is_by_building_and_about_as_asked() -> None:
-    buildings = [f"site {k}" for k in range(3000)]
-    splits, others = ([split_of(b, seed) for b in buildings] for seed in (1, 2))
-    assert splits == [split_of(b, 1) for b in buildings]
-    assert abs(splits.count("train") / 3000 - 0.7) < 0.03 and abs(splits.count("test") / 3000 - 0.15) < 0.03
-    assert abs(np.mean([a == b for a, b in zip(splits, others, strict=True)]) - (0.7**2 + 2 * 0.15**2)) < 0.05
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not FLOORPLANS.is_dir(), reason="the shared floor plans are not here")
-@pytest.mark.parametrize("source", ["msd", "resplan", "swiss_floors", "lifull.tar.gz"])
-def test_real_plans_have_walls_on_their_rooms_outlines(source: str) -> None:
-    plans = list(read_plans(FLOORPLANS / source, limit=4, on_skip=lambda _: None))
-    assert len(plans) == 4
-    for graph in (plan.graph for plan in plans):
-        assert graph.frame == "bim" and graph.rooms
-        assert np.median([w.length or 0 for w in graph.wall_surfaces]) > 0.4
-        for surface in (w for w in graph.wall_surfaces if w.room is not None):
-            room = shapely.Polygon(graph.room_by_id[surface.room].polygon).buffer(0.011)
-            ahead = shapely.Point(np.add(surface.centroid, np.multiply(0.03, surface.normal)))
-            assert room.contains(shapely.LineString(surface.ends())) and room.contains(ahead)
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not FLOORPLANS.is_dir(), reason="the shared floor plans are not here")
-def test_real_duplicates_share_a_building(tmp_path: Path) -> None:
-    """Two floors of the same building, each drawn by hand."""
-    for name in ("plan_574", "plan_575", "plan_863", "plan_868"):
-        (tmp_path / f"{name}.json").write_bytes((FLOORPLANS / "swiss_floors" / f"{name}.json").read_bytes())
-    building = {p.name: p.building for p in read_plans(tmp_path)}
-    assert building["plan_574"] == building["plan_575"] and len(set(building.values())) == 3

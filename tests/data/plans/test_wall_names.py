@@ -4,12 +4,10 @@ from pathlib import Path
 
 import ifcopenshell
 import ifcopenshell.guid
-import numpy as np
 import pytest
 from small_ifc import write_small_ifc
 
 from data.plans.elements import planned_elements
-from data.plans.grid_lines import GridLine, grid_reference
 from data.scene_graph import WallSurface
 from data.scene_graph.wall_faces import wall_names
 
@@ -72,12 +70,3 @@ def test_elements_are_found_by_the_grid(tmp_path: Path, unit: float) -> None:
     grid = {element.name: element.grid for element in planned_elements(tmp_path / "b.ifc")}
     assert grid["south"] == "A-C/1" and grid["west"] == "A/1-3" and grid["between"] == "B/2-3"
     assert grid["window"] == "A-B/3"
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "name"),
-    [(-3.0, -2.0, "A"), (-0.4, 0.1, "A"), (0.6, 1.0, "A-B"), (5.0, 5.6, "B"), (7.0, 14.0, "C"), (13.0, 14.0, "C")],
-)
-def test_beside_on_and_between_lines(low: float, high: float, name: str) -> None:
-    family = [GridLine(tag, np.array([[x, 0.0], [x, 9.0]])) for tag, x in (("A", 0.0), ("B", 6.0), ("C", 12.0))]
-    assert grid_reference([family], np.array([[low, 1.0], [high, 2.0]])) == name

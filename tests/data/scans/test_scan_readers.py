@@ -19,10 +19,8 @@ from data.scans import ScanFolder
 from data.scans.formats import read_points
 from data.scans.reading_errors import UnreadableScanError
 from data.scans.sources import open_scans
-from data.scans.writers import SCAN_WRITERS
 from data.streams import McapPipe
 
-REAL_SCANS = Path(__file__).parents[3] / "../shared/data/scans/vlp16_room_corridor"
 IN_BAGS = [*(f"{kind} of ouster" for kind in BAGS), *(f"{k} of {own}" for k in ("ros1", "mcap") for own in LAYOUTS)]
 
 
@@ -58,13 +56,6 @@ def test_a_pipe_of_mcap_records_gives_the_scans_of_the_file(tmp_path: Path) -> N
         list(McapPipe(file, "/others"))
 
 
-@pytest.mark.parametrize("form", sorted(SCAN_WRITERS))
-def test_what_we_write_is_read_back(form: str, tmp_path: Path) -> None:
-    for name, points in (("some", points_of(0)[GOOD]), ("none", np.empty((0, 3), np.float32))):
-        SCAN_WRITERS[form](tmp_path / f"{name}.{form}", points, None)
-        np.testing.assert_array_equal(read_points(tmp_path / f"{name}.{form}"), points)
-
-
 @pytest.mark.parametrize("form", FILES)
 def test_a_file_that_is_cut_off_is_unreadable(form: str, tmp_path: Path) -> None:
     whole, path = FILES[form](points_of(0)), tmp_path / form
@@ -82,23 +73,15 @@ FLOATS = points_of(0)[GOOD][:50].tobytes() + bytes(12 * 10)
 MANY = b"%d" % 10**9
 WRONG = [  # suffix, content, part of what is said
     (".pcd", PLAIN.replace(b"COUNT 1 1 1", b"COUNT 1 1 x"), "'COUNT 1 1 x' must have 3 whole numbers"),
-    (".pcd", PLAIN.replace(b"SIZE 4 4 4", b"SIZE 4 4"), "'SIZE 4 4' must have 3 sizes"),
-    (".pcd", PLAIN.replace(b"F F F", b"F F Q"), "'TYPE F F Q' must have 3 types"),
     (".pcd", PLAIN.replace(b"x y z", b"x y range"), "no line FIELDS with x, y, z"),
     (".pcd", PLAIN.replace(b"WIDTH 60\nHEIGHT 1\nPOINTS 60\n", b""), "'WIDTH' must have 1 whole number"),
-    (".pcd", PLAIN.replace(b"POINTS 60", b"POINTS -3"), "'POINTS -3' must have 1 whole number"),
-    (".pcd", PLAIN.replace(b"binary", b"zip"), "'DATA zip' must have 1 of ascii, binary"),
     (".pcd", PLAIN.replace(b"POINTS 60", b"POINTS " + MANY) + FLOATS, "claims 12000000000 bytes"),
     (".pcd", PLAIN.replace(b"POINTS 60", b"POINTS " + MANY).replace(b"binary", b"ascii"), "claims 1000000000 points"),
-    (".pcd", PLAIN.replace(b"COUNT 1 1 1", b"COUNT 1 1 900000000") + FLOATS, "claims 900000002 values a point"),
     (".pcd", PLAIN.replace(b"binary", b"binary_compressed") + b"\xff\xff\xff\x7f" * 2 + FLOATS, "packed into"),
-    (".pcd", b"VERSION 0.7\n" * 200, "no PCD header"),
     (".ply", FILES["little.ply"](points_of(0)).replace(b"vertex 60", b"vertex " + MANY), "claims 1000000000 points"),
     (".ply", FILES["ascii.ply"](points_of(0)).replace(b"vertex 60", b"vertex 61"), "61 points, 60 are there"),
-    (".ply", b"ply\nformat ascii 1.0\nend_header\n", "no 'element vertex'"),
     (".npy", FILES["single.npy"](points_of(0)).replace(b"(60, 3)", b"(%s, 3)" % MANY), "greater than file size"),
     (".npy", scan_files.npy(np.zeros(9)), "shape"),
-    (".npy", scan_files.npy(np.zeros((5, 2))), "shape"),
     (".npy", scan_files.npy(np.zeros((5, 3), int)), "type int64"),
     (".npy", scan_files.npy(np.array([{"a": 1}], dtype=object)), "Python objects"),
     (".las", b"LASF" + bytes(400), "claims more than the file holds"),
@@ -117,26 +100,6 @@ def test_a_wrong_file_is_unreadable_and_allocates_little(
     tracemalloc.stop()
 
 
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("COUNT 1 1 1\n", ""), ("VERSION 0.7", "VERSION .6"), ("FIELDS", "COLUMNS"), ("F F F", "f f f"),
-        ("POINTS 60\n", ""), ("DATA binary", "data BINARY"), ("HEIGHT 1\nPOINTS 60\n", ""),
-        ("SIZE 4 4 4\nTYPE F F F\n", ""), ("WIDTH 60\nHEIGHT 1\n", "WIDTH 7\nHEIGHT 9\n"),
-        ("SIZE 4 4 4\nTYPE F F F", "SIZE 8 8 8\nTYPE D D D"),
-    ],
-)  # fmt: skip
-def test_pcd_headers_of_old_versions_and_of_scripts(old: str, new: str, tmp_path: Path) -> None:
-    header, points = PLAIN.decode().replace(old, new), np.nan_to_num(points_of(0))
-    (tmp_path / "0.pcd").write_bytes(header.encode() + points.astype("<f8" if "D" in new.split() else "<f4").tobytes())
-    assert np.array_equal(read_points(tmp_path / "0.pcd"), points)
-    text = header.replace("binary", "ascii").replace("BINARY", "ascii") + "".join(
-        f" {x:.9g}  {y:.9g} {z:.9g} \r\n" for x, y, z in points.tolist()
-    )
-    (tmp_path / "1.pcd").write_bytes(text.encode())
-    assert np.allclose(read_points(tmp_path / "1.pcd"), points, rtol=1e-6)
-
-
 def lidar_points(count: int, order: str) -> NDArray[np.float32]:
     """Walls of a room of 12 x 8 m by a LiDAR of 16 rings, which lie turn by turn, ring by ring, or in no order."""
     angles = np.linspace(-np.pi, np.pi, -(-count // 16))
@@ -149,25 +112,15 @@ def lidar_points(count: int, order: str) -> NDArray[np.float32]:
     return points[:count].astype("<f4")
 
 
-@pytest.mark.parametrize("more", ["", "shares", "bytes", "zeros", "bytes rings", "zeros rings", "shares times"])
+@pytest.mark.parametrize("more", ["", "shares", "zeros rings", "shares times"])
 def test_values_a_point_of_a_bin_are_recognised(more: str, tmp_path: Path) -> None:
     """Sizes that are whole numbers of points of 3, 4 and 5 values (60 divides 4 * 120 and the like)."""
     for order, count in ((order, count) for order in ("turn", "ring", "none") for count in (120, 500, 6000)):
         points, random = lidar_points(count, order), np.random.default_rng(2)
-        columns = {
-            "shares": random.random(count), "bytes": random.integers(0, 256, count), "zeros": np.zeros(count),
-            "rings": np.arange(count) % 16, "times": np.linspace(0, 0.1, count),
-        }  # fmt: skip
+        columns = {"shares": random.random(count), "bytes": random.integers(0, 256, count), "zeros": np.zeros(count)}
+        columns |= {"rings": np.arange(count) % 16, "times": np.linspace(0, 0.1, count)}
         np.column_stack([points, *(columns[name] for name in more.split())]).astype("<f4").tofile(tmp_path / "0.bin")
         assert np.array_equal(read_points(tmp_path / "0.bin"), points), (order, count)
-
-
-def test_a_bin_of_kitti_that_is_cut_off_is_no_bin_of_other_points(tmp_path: Path) -> None:
-    whole = np.c_[lidar_points(3000, "ring"), np.full(3000, 0.5)].astype("<f4").tobytes()
-    for lost in (5 * 4, 3 * 4, 4, 60 * 4 - 4):
-        (tmp_path / "0.bin").write_bytes(whole[:-lost])
-        with pytest.raises(UnreadableScanError, match="4 float32"):
-            read_points(tmp_path / "0.bin")
 
 
 def test_bad_scans_are_skipped_and_named_up_to_a_fifth(tmp_path: Path) -> None:
@@ -214,18 +167,6 @@ def test_a_bag_split_into_files(tmp_path: Path) -> None:
     assert len(stamps) == 30 and stamps == sorted(stamps)
 
 
-@pytest.mark.parametrize("row_step", [0, 20, 60 * 16, 10**6])
-def test_a_row_step_that_does_not_fit_the_data_is_ignored(row_step: int, tmp_path: Path) -> None:
-    """As drivers leave it: of the whole cloud, or of what it was before rows were cut or joined."""
-    message = cloud(store(), points_of(3), START, height=4)
-    message.row_step = row_step
-    (scan,) = open_scans(write_bag(tmp_path / "bag", "mcap", {"/p": [(START, message)]}))
-    np.testing.assert_array_equal(scan.points, points_of(3)[GOOD].astype(float))
-    message.data = message.data[:-1]
-    with pytest.raises(UserError, match="it claims 60 points"):
-        list(open_scans(write_bag(tmp_path / "cut", "mcap", {"/p": [(START, message)]})))
-
-
 def test_the_topic_is_guessed_named_or_asked_for(tmp_path: Path) -> None:
     types = store()
     lidar = [(START + k, cloud(types, points_of(k), START + k * NS, ring=True)) for k in range(3)]
@@ -246,29 +187,20 @@ def test_the_topic_is_guessed_named_or_asked_for(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", BAGS)
-@pytest.mark.parametrize("share", [0.5, 0.9])
-def test_what_can_be_read_of_a_bag_that_was_cut_off_is_used(kind: str, share: float, tmp_path: Path) -> None:
+def test_what_can_be_read_of_a_bag_that_was_cut_off_is_used(kind: str, tmp_path: Path) -> None:
     bag = lidar_bag(tmp_path / ("drive.bag" if kind.startswith("ros1") else "drive"), kind, count=200)
     file = bag if bag.is_file() else next(p for p in bag.iterdir() if p.suffix in (".db3", ".mcap"))
     whole = file.read_bytes()
-    file.write_bytes(whole[: int(share * len(whole))])
+    file.write_bytes(whole[: len(whole) // 2])
     (bag / "metadata.yaml").unlink(missing_ok=True) if bag.is_dir() else None
     source = open_scans(bag)
     indices = [(s.stamp_ns - START) * 10 // NS for s in source]
     assert indices == sorted(set(indices)) and indices[:50] == list(range(50))  # pages of a table end in no order
-    assert 200 * share * 0.75 < len(indices) < 200
+    assert 75 < len(indices) < 200
     assert len(source.remarks) == 1 and "what could be read is used" in source.remarks[0]
 
 
-def test_damaged_chunks_and_bad_messages_cost_their_own_scans(tmp_path: Path) -> None:
-    bag = lidar_bag(tmp_path / "drive.bag", "ros1-lz4", count=200)
-    raw = bytearray(bag.read_bytes())
-    raw[len(raw) // 2 : len(raw) // 2 + 200] = bytes(200)
-    bag.write_bytes(raw)
-    source = open_scans(bag)
-    assert 170 <= len([s.stamp_ns for s in source]) < 200
-    assert len(source.remarks) == 1 and "of 200 scans" in source.remarks[0]
-
+def test_bad_messages_cost_their_own_scans(tmp_path: Path) -> None:
     types = store()
     messages: list[tuple[int, Any]] = [(stamp_of(k), cloud(types, points_of(k), stamp_of(k))) for k in range(30)]
     messages[5] = (stamp_of(5), cloud(types, np.full((40, 3), np.nan), stamp_of(5)))
@@ -280,19 +212,6 @@ def test_damaged_chunks_and_bad_messages_cost_their_own_scans(tmp_path: Path) ->
     reasons = [s.reason for s in source.skipped]
     assert [word in reason for word, reason in zip(("NaN", "claims", "goes back", "no fields"), reasons, strict=True)]
     assert source.skipped[0].name == "bad, scan 5"
-
-
-def test_a_bag_is_streamed(tmp_path: Path) -> None:
-    types, points = store(), np.random.default_rng(0).normal(size=(4000, 3)).astype(np.float32)
-    bag = write_bag(
-        tmp_path / "long", "sqlite3", {"/p": [(s, cloud(types, points, s)) for s in map(stamp_of, range(150))]}
-    )
-    tracemalloc.start()
-    assert sum(1 for _ in open_scans(bag)) == 150
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    size = sum(p.stat().st_size for p in bag.iterdir())
-    assert size > 9e6 and peak < 0.6 * size
 
 
 def test_e57_without_poses_with_a_scan_of_nothing_and_broken(tmp_path: Path) -> None:
@@ -310,25 +229,17 @@ def test_e57_without_poses_with_a_scan_of_nothing_and_broken(tmp_path: Path) -> 
         with pytest.raises(UserError, match="E57") as told:
             open_scans(tmp_path / "b.e57")
         assert "\n" not in str(told.value)
-    (tmp_path / "c.e57").write_bytes(whole[: len(whole) // 3] + b"\x55" + whole[len(whole) // 3 + 1 :])
-    with pytest.raises(UserError):
-        list(open_scans(tmp_path / "c.e57"))
 
 
-@pytest.mark.parametrize(
-    ("module", "name", "install"),
-    [("laspy", "a.las", "sgslam[scans]"), ("pye57", "a.e57", "sgslam[scans]"), ("ezdxf", "a.dxf", "sgslam[dxf]")],
-)
-def test_a_missing_library_is_named_with_how_to_install_it(
-    module: str, name: str, install: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, module, None)  # as if it were not installed
-    (tmp_path / name).write_bytes(b"anything")
-    with pytest.raises(UserError, match=re.escape(f"pip install '{install}'")):
-        if name == "a.dxf":
-            load_bim(tmp_path / name)
-        else:
-            list(open_scans(tmp_path if name == "a.las" else tmp_path / name))
+def test_a_missing_library_is_named_with_how_to_install_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for module, name, extra in (("laspy", "a.las", "scans"), ("pye57", "a.e57", "scans"), ("ezdxf", "a.dxf", "dxf")):
+        monkeypatch.setitem(sys.modules, module, None)  # as if it were not installed
+        (tmp_path / name).write_bytes(b"anything")
+        with pytest.raises(UserError, match=re.escape(f"pip install 'sgslam[{extra}]'")):
+            if name == "a.dxf":
+                load_bim(tmp_path / name)
+            else:
+                list(open_scans(tmp_path if name == "a.las" else tmp_path / name))
 
 
 def test_paths_that_are_no_scans(tmp_path: Path) -> None:
@@ -339,21 +250,11 @@ def test_paths_that_are_no_scans(tmp_path: Path) -> None:
     assert isinstance(open_scans(scans), ScanFolder)
     (tmp_path / "text.bag").write_text("no bag at all")
     for path, topic, message in (
-        (scans, "/points", "not a bag"), (tmp_path / "nowhere", None, "does not exist"),
-        (tmp_path / "nowhere.bag", None, "does not exist"), (tmp_path / "text.bag", None, "no scans .PointCloud2"),
-        (scans / "0.bin", None, "is a file"), (tmp_path / "recording.pcap", None, "write a bag"),
-    ):  # fmt: skip
+        (scans, "/points", "not a bag"),
+        (tmp_path / "nowhere", None, "does not exist"),
+        (tmp_path / "text.bag", None, "no scans .PointCloud2"),
+        (scans / "0.bin", None, "is a file"),
+        (tmp_path / "recording.pcap", None, "write a bag"),
+    ):
         with pytest.raises(UserError, match=message):
             open_scans(path, topic)
-
-
-def test_real_scans_with_padding_and_ring() -> None:
-    if not REAL_SCANS.is_dir():
-        pytest.skip("the shared VLP-16 scans are not here")
-    scans = list(ScanFolder(REAL_SCANS))
-    assert [s.path.stem for s in scans] == [str(i) for i in range(30)]
-    ranges = np.linalg.norm(scans[0].points, axis=1)
-    assert 20_000 < len(ranges) < 30_000 and 0.3 < np.median(ranges) < 30 and ranges.max() < 150
-    # sixteen beams, 2 degrees apart
-    elevation = np.degrees(np.arcsin(scans[0].points[:, 2] / ranges))
-    assert np.abs(elevation - (2 * np.round((elevation - 1) / 2) + 1)).max() < 0.1

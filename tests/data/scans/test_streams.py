@@ -68,41 +68,6 @@ def test_files_are_taken_in_their_order_with_those_that_were_there_before(tmp_pa
     assert "came after 12.5.npy" in stream.skipped[0].reason
 
 
-def test_a_scan_waits_for_its_line_in_a_times_file_that_grows(tmp_path: Path) -> None:
-    (tmp_path / "times.txt").write_text("# seconds\n0.5\n0.")
-    with coming(GrowingFolder(tmp_path)) as arrivals:
-        for k in range(2):
-            np.save(tmp_path / f"{k}.npy", POINTS)
-        assert stamps_of(arrivals, 1) == [500_000_000]
-        with pytest.raises(queue.Empty):
-            arrivals.get(timeout=0.2)
-        with (tmp_path / "times.txt").open("a") as file:
-            file.write("75\n")
-        assert stamps_of(arrivals, 1) == [750_000_000]
-
-
-def test_one_wrong_stamp_costs_one_scan_and_a_pause_costs_none(tmp_path: Path) -> None:
-    seconds = ["1.0", "1.1", "900.0", "1.2", "1.3", "50.0", "50.1"]
-    (tmp_path / "times.txt").write_text("".join(f"{own}\n" for own in seconds))
-    stream = GrowingFolder(tmp_path)
-    with coming(stream) as arrivals:
-        for k in range(len(seconds)):
-            np.save(tmp_path / f"{k}.npy", POINTS)
-        assert stamps_of(arrivals, 6) == [int(float(own) * 1e9) for own in seconds if own != "900.0"]
-    assert [own.index for own in stream.skipped] == [2] and "before scan 5" in stream.remarks[0]
-
-
-def test_names_of_which_only_some_are_stamps_are_a_mistake(tmp_path: Path) -> None:
-    np.save(tmp_path / "1.5.npy", POINTS)
-    np.save(tmp_path / "next.npy", POINTS)
-    for file in tmp_path.iterdir():
-        os.utime(file, (0, 0))
-    with pytest.raises(UserError, match=r"next\.npy: its name carries no stamp"):
-        list(GrowingFolder(tmp_path))
-    with pytest.raises(UserError, match="does not exist"):
-        GrowingFolder(tmp_path / "nowhere")
-
-
 def test_a_pipes_scan_comes_with_its_record_and_what_is_cut_off_is_told(tmp_path: Path) -> None:
     header, *messages = unchunked(next(lidar_bag(tmp_path / "bag", "mcap", 3).glob("*.mcap")))
     reader, writer = os.pipe()

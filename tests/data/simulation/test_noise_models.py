@@ -9,7 +9,6 @@ from plans import a_graph, box, flat, merged, moved, offices
 
 from data import Door, SceneGraph, UserError, WallSurface
 from data.geometry import se2
-from data.synthetic_maps.exploration import storeys_of, walk
 from data.synthetic_maps.noise_models import NOISE_MODELS, DrawnGraph, draw
 
 PLAN = a_graph(flat(np.random.default_rng(3)), "ground")
@@ -71,21 +70,6 @@ def test_walls_have_the_noise_that_is_stated(real: list[DrawnGraph]) -> None:
     assert 0.07 < clutter / everything < 0.11
 
 
-def test_pieces_leave_a_gap_clutter_stands_in_its_room_and_short_surfaces_are_not_seen(real: list[DrawnGraph]) -> None:
-    gaps = []
-    for drawn in real:
-        for key, rows in residuals(drawn, BIG).items():
-            if len(rows) == 2:
-                first, last = rows[np.argsort(rows[:, 1])]
-                gaps.append(last[1] - (first[2] + (BIG.surface_by_id[key].length or 0.0)))
-        for wall in drawn.s_graph.wall_surfaces:
-            assert wall.length is not None and wall.length >= 0.35
-            if wall.id not in drawn.wall_surfaces and wall.room is not None:
-                room = shapely.Polygon(BIG.room_by_id[drawn.rooms[wall.room]].polygon)
-                assert wall.length <= 3.0 and room.buffer(1e-6).contains(shapely.LineString(placed(drawn, wall)[0]))
-    assert len(gaps) > 50 and min(gaps) > 0.09 and max(gaps) < 0.61
-
-
 @pytest.mark.parametrize("noise", NOISE_MODELS)
 def test_the_truth_lays_surfaces_on_their_walls_and_rooms_into_their_rooms(noise: str) -> None:
     for k in range(5):
@@ -111,15 +95,8 @@ def test_explored_rooms_hang_together_by_doors() -> None:
     for seed in range(30):
         seen = set(draw(row, "real", rng(seed), 3).rooms.values())
         assert seen in ({"room0", "room5", "room2"}, {"room5", "room2", "room7"})
-    storey = storeys_of(row)[0]
-    found = walk(storey, rng(1), 4)
-    assert all(p < n for n, p in enumerate(found.parents)) and len(set(found.rooms)) == 4
-    assert all(r in storey.by_door[found.rooms[p]] for r, p in zip(found.rooms[1:], found.parents[1:], strict=True))
-
     apart = a_graph([box(0, 0, 4, 4), box(4.1, 0, 4, 4), box(0, 4.2, 4, 4), box(40, 0, 4, 4), box(4.5, 4.9, 4, 4)])
-    for seed in range(10):  # where no door is known, across walls
-        assert set(draw(apart, "real", rng(seed), 3).rooms.values()) == {"room0", "room1", "room2"}
-    assert len(draw(apart, "real", rng(0), 5).rooms) == 3  # no more of them hang together
+    assert len(draw(apart, "real", rng(0), 5).rooms) == 3  # where no door is known, across walls
     assert len(draw(apart, "real", rng(0)).rooms) == 5  # the whole floor
 
 
@@ -135,101 +112,11 @@ def test_nothing_of_the_plan_is_in_the_map(noise: str) -> None:
     assert all(r.polygon is None and not r.name for r in drawn.s_graph.rooms)
     assert np.allclose(np.subtract(also.T_a_s, drawn.T_a_s), (0, 3000, -500), atol=1e-4)
     assert drawn.rooms == also.rooms and drawn.wall_surfaces == also.wall_surfaces
-    names = set(PLAN.room_by_id) | set(PLAN.surface_by_id)
-    everything = (*drawn.s_graph.rooms, *drawn.s_graph.wall_surfaces, *drawn.s_graph.doors, *drawn.s_graph.floors)
-    assert not names & {item.id for item in everything}
-
-
-def test_order_and_heading_are_drawn_and_the_map_starts_in_a_room() -> None:
-    place = {item.id: n for n, item in enumerate((*PLAN.wall_surfaces, *PLAN.rooms))}
-    agree, yaws = [], []
-    for k in range(60):
-        drawn = draw(PLAN, "real", rng(k), 6)
-        walls = [place[drawn.wall_surfaces[w.id]] for w in drawn.s_graph.wall_surfaces if w.id in drawn.wall_surfaces]
-        paper = draw(PLAN, "paper", rng(k))
-        rooms = [place[paper.rooms[r.id]] for r in paper.s_graph.rooms]
-        agree.append([np.corrcoef(np.arange(len(order)), order)[0, 1] for order in (walls, rooms)])
-        yaws.append(drawn.T_a_s[0])
-        start = shapely.Point(drawn.T_a_s[1:])
-        assert any(shapely.Polygon(PLAN.room_by_id[r].polygon).contains(start) for r in drawn.rooms.values())
-    assert np.abs(np.mean(agree, axis=0)).max() < 0.15
-    assert abs(np.mean(np.exp(1j * np.array(yaws)))) < 0.3
-
-
-def test_the_published_perturbation() -> None:
-    walls = rooms = turned = 0
-    shifts, turns = [], []
-    for k in range(40):
-        drawn = draw(PLAN, "paper", rng(k))
-        s, T = drawn.s_graph, np.array(drawn.T_a_s)
-        walls += len(s.wall_surfaces)
-        rooms += len(s.rooms)
-        turned += drawn.T_a_s[0] > 0
-        assert len(drawn.wall_surfaces) == len(s.wall_surfaces)  # no clutter
-        for s_id, a_id in drawn.rooms.items():
-            at = np.array(s.room_by_id[s_id].centroid)
-            assert np.allclose(se2.apply(T, at), PLAN.room_by_id[a_id].centroid, atol=1e-9)
-            assert abs(np.hypot(*at) - np.hypot(*PLAN.room_by_id[a_id].centroid)) < 0.0072
-        for s_id, a_id in drawn.wall_surfaces.items():
-            wall, plan = s.surface_by_id[s_id], PLAN.surface_by_id[a_id]
-            assert wall.length == plan.length
-            shifts.append(se2.apply(T, np.array(wall.centroid)) - plan.centroid)
-            n = se2.rotate(T[0], np.array(wall.normal))
-            turns.append(np.degrees(np.arcsin(plan.normal[0] * n[1] - plan.normal[1] * n[0])))
-    assert 0.0049 < np.abs(shifts).max() <= 0.005 and 2.1 < np.abs(turns).max() <= 2.16
-    assert np.std(shifts) == pytest.approx(0.01 / np.sqrt(12), rel=0.05)
-    assert np.std(turns) == pytest.approx(4.32 / np.sqrt(12), rel=0.05)
-    assert rooms / 40 / len(PLAN.rooms) == pytest.approx(0.85, abs=0.04)
-    assert walls / 40 / len(PLAN.wall_surfaces) == pytest.approx(0.85**2, abs=0.04)
-    assert 10 < turned < 30
-
-
-@pytest.mark.parametrize(("noise", "times"), [("drift", 1), ("heavy_drift", 3)])
-def test_each_step_from_room_to_room_drifts(noise: str, times: int) -> None:
-    two = a_graph([box(0, 0, 4, 4), box(4.1, 0, 4, 4)])
-    turns, shifts = [], []
-    for k in range(250):
-        drawn = draw(two, noise, rng(k), 2)
-        first, last = (np.array(drawn.T_a_s_by_room[r]) for r in drawn.rooms)
-        turns.append(se2.wrap(last[:1] - first[:1])[0])
-        r = list(drawn.rooms.values())[1]
-        own = se2.apply(se2.inverse(first), np.array(two.room_by_id[r].centroid))
-        shifts.append(se2.apply(last, own) - two.room_by_id[r].centroid)
-    assert np.std(turns) == pytest.approx(times * np.radians(1.5), rel=0.12)
-    assert np.std(shifts) == pytest.approx(times * 0.15, rel=0.12)
-
-
-def test_mis_segmented_maps_have_rooms_merged_and_cut_and_surfaces_astray() -> None:
-    cut = merged_rooms = rooms = astray = surfaces = 0
-    for k in range(15):
-        drawn = draw(BIG, "mis_segmented", rng(k), 60)
-        s = drawn.s_graph
-        plain = draw(BIG, "drift", rng(k), 60)
-        cut += len(drawn.rooms) - len(set(drawn.rooms.values()))
-        merged_rooms += len(set(plain.rooms.values())) - len(set(drawn.rooms.values()))
-        rooms += len(plain.rooms)
-        surfaces += len(s.wall_surfaces)
-        astray += sum(w.room is None for w in s.wall_surfaces)
-        for name, true in drawn.rooms.items():
-            length: dict[str | None, float] = {}
-            for wall in s.surfaces_of_room[name]:
-                if wall.id in drawn.wall_surfaces:
-                    faced = BIG.surface_by_id[drawn.wall_surfaces[wall.id]].room
-                    length[faced] = length.get(faced, 0.0) + (wall.length or 0.0)
-            assert max(length, key=length.__getitem__) == true
-    assert 0.025 < cut / rooms < 0.08 and 0.025 < merged_rooms / rooms < 0.08
-    assert astray / surfaces == pytest.approx(0.1, abs=0.015)
 
 
 @pytest.mark.parametrize("noise", NOISE_MODELS)
-def test_plans_that_are_small_large_or_lack_lengths(noise: str) -> None:
+def test_maps_are_those_of_their_seed_and_plans_may_lack_lengths(noise: str) -> None:
     assert draw(PLAN, noise, rng(7), 5) == draw(PLAN, noise, rng(7), 5) != draw(PLAN, noise, rng(8), 5)
-    corner = dataclasses.replace(PLAN, rooms=PLAN.rooms[:1], wall_surfaces=PLAN.surfaces_of_room[PLAN.rooms[0].id][:3])
-    for k in range(10):
-        drawn = draw(corner, noise, rng(k), 1)
-        assert drawn.wall_surfaces and set(drawn.rooms.values()) <= {corner.rooms[0].id}
-    whole = draw(BIG, noise, rng(0))
-    assert len(whole.rooms) > 0.7 * len(BIG.rooms) and len(whole.s_graph.wall_surfaces) > 1000
     plan = a_graph(offices([3.0] * 4, [3.0] * 4))
     walls = tuple(dataclasses.replace(w, length=None) for w in plan.wall_surfaces)
     rooms = tuple(dataclasses.replace(r, polygon=None) for r in plan.rooms)
@@ -246,8 +133,10 @@ def test_one_floor_of_several_is_seen_and_impossible_requests_are_refused() -> N
     roomless = tuple(dataclasses.replace(w, room=None) for w in PLAN.wall_surfaces)
     bare = dataclasses.replace(PLAN, rooms=(), wall_surfaces=roomless)
     for graph, noise, count, floor, message in (
-        (tower, "real", 4, "cellar", r"cellar.*ground, upper"), (PLAN, "real", 0, None, "one at least"),
-        (PLAN, "reel", 3, None, "no noise model 'reel'.*paper, real"), (bare, "real", 3, None, "no room"),
-    ):  # fmt: skip
+        (tower, "real", 4, "cellar", r"cellar.*ground, upper"),
+        (PLAN, "real", 0, None, "one at least"),
+        (PLAN, "reel", 3, None, "no noise model 'reel'.*paper, real"),
+        (bare, "real", 3, None, "no room"),
+    ):
         with pytest.raises(UserError, match=message):
             draw(graph, noise, rng(0), count, floor)
