@@ -32,7 +32,6 @@ class SimulatedDrive(Dataset):
     long = auto()
 
     def data_iter(self) -> DatasetIterator:
-        """Scans and samples of the IMU."""
         scans = ScanFolder(self.folder / "scans")
         return RawDataIter(map(_measurement, scans), self._samples(), len(scans))
 
@@ -42,30 +41,24 @@ class SimulatedDrive(Dataset):
             yield ImuMeasurement(Stamp.from_nsec(stamp), R_imu_lidar @ gyro, R_imu_lidar @ accel)
 
     def ground_truth_raw(self) -> Trajectory:
-        """T_bim_lidar of each scan."""
         return Trajectory.from_csv(
             self.folder / "truth.tum", ["sec", "x", "y", "z", "qx", "qy", "qz", "qw"], delimiter=" "
         )
 
     def imu_T_lidar(self) -> SE3:  # noqa: N802
-        """The LiDAR in the IMU's frame."""
         return SE3(SO3.from_rpy(0.1, -0.2, 1.0), np.array([0.03, -0.02, 0.05]))
 
     def imu_T_gt(self) -> SE3:  # noqa: N802
-        """The truth is the LiDAR's."""
         return self.imu_T_lidar()
 
     def imu_params(self) -> ImuParams:
-        """Gravity points down."""
         return ImuParams(gravity=np.array([0.0, 0.0, -9.80665]))
 
     def lidar_params(self) -> LidarParams:
-        """Those of a VLP-16 with a coarse turn; the short drive of the tests has a slow one."""
         rate = 5.0 if self == SimulatedDrive.small else 10.0
         return LidarParams(num_rows=16, num_columns=450, min_range=0.3, max_range=60.0, rate=rate)
 
     def files(self) -> Sequence[str | Path]:
-        """What a simulated drive leaves."""
         return ["scans", "scans/imu.csv", "truth.tum"]
 
 

@@ -9,11 +9,9 @@ from data.common.errors import UserError
 from data.geometry.poses import xyzquat_to_poses
 from data.trajectory import Trajectory
 from sgslam.report import associate
-from sgslam.report.accuracy import accuracy, align_se3, rmse_aligned, yaw_errors
+from sgslam.report.accuracy import accuracy, align_se3, yaw_errors
 
 MS = 1_000_000
-LINE = np.outer(np.linspace(0, 30, 100), [1, 2, 0.1])
-NOISE = np.random.default_rng(0).normal(size=(100, 3))
 T0 = 1_700_000_000_000_000_000
 
 
@@ -51,38 +49,16 @@ def test_association_is_one_to_one_exact_at_the_tolerance_and_in_nanoseconds() -
     first = estimate[:1]
     found = [len(associate(first, first + off, 10 * MS)[0]) for off in (10 * MS, 10 * MS + 1, -10 * MS)]
     assert found == [1, 0, 1] and len(associate(first[:0], truth)[0]) == len(associate(first, truth[:0])[0]) == 0
-    rng = np.random.default_rng(0)
-    for _ in range(50):
-        estimate, truth = (np.unique(rng.integers(0, 400, rng.integers(1, 30))) for _ in range(2))
-        ours, true = associate(estimate, truth, 12)
-        gaps = np.abs(estimate[:, None] - truth)
-        assert np.all(np.diff(ours) > 0) and np.all(np.diff(true) > 0)
-        assert np.array_equal(gaps[ours, true], gaps[ours].min(axis=1)) and np.all(gaps[ours, true] <= 12)
 
 
-def test_alignment_recovers_a_motion_and_never_mirrors() -> None:
-    bend = np.zeros((84, 3))  # a corridor with a bend is enough
-    bend[:, 0] = np.minimum(np.arange(84) * 0.25, 20)
-    bend[80:, 1] = [0, 0.5, 1, 1.5]
-    for points, seed in ((walk().positions, 0), (walk().positions, 1), (bend, 2)):
-        T = motion(seed)
-        assert np.allclose(align_se3(points, points @ T[:3, :3].T + T[:3, 3]), T, atol=1e-8)
-    T = align_se3(NOISE, NOISE * [1, 1, -1])
-    assert np.linalg.det(T[:3, :3]) == pytest.approx(1)
-
-
-@pytest.mark.parametrize(
-    ("points", "message"),
-    [
-        (NOISE * 0.01, "too little motion"),
-        (np.eye(3)[:2], "too little motion"),
-        (LINE, "straight line"),
-        (LINE + NOISE * 5e-3, "straight line"),
-    ],
-)
-def test_undetermined_alignments_are_refused(points: Array, message: str) -> None:
-    with pytest.raises(UserError, match=message):
-        align_se3(points, points)
+def test_alignment_recovers_a_motion_and_never_mirrors_or_guesses() -> None:
+    points, T, noise = walk().positions, motion(0), np.random.default_rng(0).normal(size=(100, 3))
+    assert np.allclose(align_se3(points, points @ T[:3, :3].T + T[:3, 3]), T, atol=1e-8)
+    assert np.linalg.det(align_se3(noise, noise * [1, 1, -1])) == pytest.approx(1)
+    line = np.outer(np.linspace(0, 30, 100), [1, 2, 0.1])
+    for undetermined, message in ((noise * 0.01, "too little motion"), (line + noise * 5e-3, "straight line")):
+        with pytest.raises(UserError, match=message):
+            align_se3(undetermined, undetermined)
 
 
 def test_errors_in_the_bim_frame_are_not_aligned() -> None:
@@ -97,7 +73,7 @@ def test_errors_in_the_bim_frame_are_not_aligned() -> None:
     assert (result["matched_poses"], result["total_poses"]) == (40, 200)
 
 
-@pytest.mark.parametrize("mounting", [[0, 0, 0], [np.pi, 0, 0], [0, -np.pi / 2, 0], [0.3, 1.0, -2.0]])
+@pytest.mark.parametrize("mounting", [[np.pi, 0, 0], [0.3, 1.0, -2.0]])
 def test_yaw_is_about_the_plans_z_however_the_sensor_is_mounted(mounting: list[float]) -> None:
     T, turned = np.eye(4), np.eye(4)
     T[:3, :3] = Rotation.from_rotvec(mounting).as_matrix()
@@ -122,31 +98,3 @@ def test_what_is_not_known_is_null_and_says_why() -> None:
     assert restarted["rmse_map_aligned_m"] == pytest.approx(0.0, abs=1e-6)
     with pytest.raises(UserError, match="clock"):
         accuracy(truth, truth, truth, Trajectory(truth.stamps_ns - T0, truth.poses))
-
-
-def test_numbers_agree_with_evo() -> None:
-    pytest.importorskip("evo.core", reason="evo is a development extra")
-    from evo.core import metrics, sync
-    from evo.core.trajectory import PoseTrajectory3D
-
-    truth = walk()
-    estimate = jittered(truth, metres=0.1)
-    estimate = Trajectory(estimate.stamps_ns[3:] + np.arange(197) % 7 * MS, estimate.poses[3:])
-    odometry = jittered(estimate, seed=5).transformed(motion(4))
-
-    def by_evo(ours: Trajectory, align: bool) -> dict[str, float]:
-        pair = [PoseTrajectory3D(poses_se3=list(t.poses), timestamps=t.stamps_ns / 1e9) for t in (truth, ours)]
-        reference, other = sync.associate_trajectories(*pair, max_diff=0.01)
-        if align:
-            other.align(reference)
-        ape = metrics.APE(metrics.PoseRelation.translation_part)
-        ape.process_data((reference, other))
-        return ape.get_all_statistics() | {"poses": reference.num_poses}
-
-    unaligned, aligned = by_evo(estimate, False), by_evo(odometry, True)
-    result = accuracy(estimate, estimate, odometry, truth)
-    assert result["rmse_bim_m"] == pytest.approx(unaligned["rmse"], rel=1e-9)
-    assert result["max_bim_m"] == pytest.approx(unaligned["max"], rel=1e-9)
-    assert result["rmse_odometry_aligned_m"] == pytest.approx(aligned["rmse"], rel=1e-9)
-    assert result["matched_poses"] == unaligned["poses"] == 197
-    assert rmse_aligned(odometry, truth) == result["rmse_odometry_aligned_m"]

@@ -6,11 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from boxes import pose
 from commands import called
 from drives import off, small_drive
 from g2o_files import drawn_graph
-from shared_runs import write_scans
 from slam_outputs import SlamOutput, slam_output, write_poses
 from small_ifc import write_small_ifc
 
@@ -21,7 +19,6 @@ from sgslam.cli.job.scan_loop import Interruption
 
 pytestmark = pytest.mark.slow
 COMMAND = "sgslam.other_slam.anchor"
-EXACT = "odometry.given=exact"  # poses as they are
 Words = list[Path | str]
 
 
@@ -46,24 +43,15 @@ def rmse(path: Path) -> float:
     return float(np.sqrt(np.mean(np.sum(apart**2, axis=1))))
 
 
-def clouds_of(output: SlamOutput, folder: Path) -> Path:
-    """The keyframes' clouds, with their stamps."""
+def graph(output: SlamOutput, folder: Path) -> Words:
+    """With the keyframes' clouds and their stamps."""
     clouds = output.write_clouds(folder / "clouds")
     (clouds / "times.txt").write_text("".join(f"{stamp / 1e9:.9f}\n" for stamp in output.keyframes.stamps_ns))
-    return clouds
+    return [output.write_g2o(folder / "graph.g2o"), "--scans", clouds]
 
 
-def keyframes(form: str) -> Callable[[SlamOutput, Path], Words]:
-    """Poses with a cloud each."""
-    return lambda output, folder: [
-        *write_poses(output.keyframes, folder, form),
-        "--scans",
-        output.write_clouds(folder / "clouds"),
-    ]
-
-
-def all_poses(output: SlamOutput, folder: Path) -> Words:
-    return [*write_poses(output.poses, folder, "tum"), "--scans", clouds_of(output, folder)]
+def keyframes(output: SlamOutput, folder: Path) -> Words:
+    return [*write_poses(output.keyframes, folder, "kitti"), "--scans", output.write_clouds(folder / "clouds")]
 
 
 def one_map(output: SlamOutput, folder: Path) -> Words:
@@ -73,67 +61,24 @@ def one_map(output: SlamOutput, folder: Path) -> Words:
 
 
 DRIFTED = (0.0005, 0.001)  # 28 cm and 7 degrees off at its end
-FORMS: dict[str, tuple[Callable[[SlamOutput, Path], Words], tuple[float, ...], float, str, str]] = {
-    "kitti": (keyframes("kitti"), DRIFTED, 0.02, "trajectory", "keyframes"),
-    "euroc": (keyframes("euroc"), DRIFTED, 0.02, "trajectory", "keyframes"),
-    "all poses, some clouds": (all_poses, DRIFTED, 0.03, "trajectory_all", "poses"),
-    "a map": (one_map, (), 0.04, "trajectory_all", "poses"),
-    "KISS-SLAM": (
-        lambda output, folder: [output.write_kiss_slam(folder / "kiss")],
-        (),
-        0.04,
-        "trajectory_all",
-        "keyframes",
-    ),
-    "GLIM": (lambda output, folder: [output.write_glim(folder / "dump")], (), 0.04, "trajectory_all", "poses"),
-    "g2o": (
-        lambda output, folder: [output.write_g2o(folder / "graph.g2o"), "--scans", clouds_of(output, folder)],
-        DRIFTED,
-        0.02,
-        "trajectory",
-        "keyframes",
-    ),
+FORMS: dict[str, tuple[Callable[[SlamOutput, Path], Words], tuple[float, ...], float, str]] = {
+    "poses": (keyframes, DRIFTED, 0.02, "keyframes"),
+    "a map": (one_map, (), 0.04, "poses"),
+    "KISS-SLAM": (lambda output, folder: [output.write_kiss_slam(folder / "kiss")], (), 0.04, "keyframes"),
+    "GLIM": (lambda output, folder: [output.write_glim(folder / "dump")], (), 0.04, "poses"),
+    "g2o": (graph, DRIFTED, 0.02, "keyframes"),
 }
 
 
-LONG = ("euroc", "all poses, some clouds")
-
-
-@pytest.mark.parametrize(
-    "form", [pytest.param(form, marks=pytest.mark.long) if form in LONG else form for form in FORMS]
-)
+@pytest.mark.parametrize("form", FORMS)
 def test_each_form_is_anchored(form: str, building: Path, tmp_path: Path) -> None:
     """To so many metres, all poses or those of keyframes."""
-    words, drift, within, name, which = FORMS[form]
+    words, drift, within, which = FORMS[form]
     output = slam_output(*drift)
     anchored(building, tmp_path / "out", *words(output, tmp_path), "--single-pass")
-    written = tmp_path / f"out/{name}.tum"
-    assert rmse(written) < within and (tmp_path / "out/report.html").is_file()
+    written = tmp_path / "out" / ("trajectory.tum" if drift else "trajectory_all.tum")
     assert len(Trajectory.read_tum(written)) == len(getattr(output, which))
-
-
-@pytest.mark.long
-def test_scans_of_a_whole_drive_are_registered_again(building: Path, tmp_path: Path) -> None:
-    told = [*write_poses(slam_output(0.0005, 0.01).poses, tmp_path, "tum"), "--scans", write_scans(tmp_path / "scans")]
-    anchored(building, tmp_path / "single", *told, "--single-pass", "--set", EXACT)
-    anchored(building, tmp_path / "again", *told, "--set", EXACT)
-    single, again = (rmse(tmp_path / name / "trajectory.tum") for name in ("single", "again"))
-    assert again < 0.02 and again < single / 2
-    assert (tmp_path / "again/trajectory_live.tum").is_file()
-
-
-@pytest.mark.long
-def test_scans_of_a_whole_drive_put_poses_right_that_jitter(building: Path, tmp_path: Path) -> None:
-    poses, rng = slam_output(0.0005).poses, np.random.default_rng(1)
-    jitter = [pose(*rng.normal(0.0, 0.04, 3), *rng.normal(0.0, 0.015, 3)) for _ in poses.poses]
-    given = write_poses(Trajectory(poses.stamps_ns, poses.poses @ jitter), tmp_path, "tum")
-    told = [*given, "--scans", write_scans(tmp_path / "scans"), "--single-pass"]
-    anchored(building, tmp_path / "measured", *told)
-    assert rmse(tmp_path / "measured/trajectory.tum") < 0.02
-    done = called(COMMAND, *told, "--set", EXACT, "--bim", building, "--out", tmp_path / "exact")
-    assert done.returncode == 0, done.stderr
-    metrics = json.loads((tmp_path / "exact/metrics.json").read_text())
-    assert not metrics["anchored"] or rmse(tmp_path / "exact/trajectory.tum") > 0.04
+    assert rmse(written) < within and (tmp_path / "out/report.html").is_file()
 
 
 def test_what_was_interrupted_is_continued_to_the_same_end(

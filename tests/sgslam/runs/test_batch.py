@@ -1,11 +1,6 @@
 """`sgslam batch`: each line of a list is one run, whoever computes it and whatever interrupts it."""
 
 import csv
-import os
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -16,13 +11,10 @@ from commands import called
 from data.common.errors import UserError
 from sgslam.cli.batch_jobs import RECORD, read_jobs
 
-ROOT = Path(__file__).resolve().parents[3]
-
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "has no jobs"),
         ("scans,plan\n", "has no jobs"),
         ("scans,building\na,b\n", "unknown column 'building'"),
         ("scans,plan\n,b.ifc\n", "line 2: scans are missing"),
@@ -80,26 +72,3 @@ def test_a_job_that_fails_is_named_and_done_ones_are_kept(tmp_path: Path) -> Non
     assert again.returncode == 0 and "3 jobs, 1 to run" in again.stdout
     assert (tmp_path / "run0" / RECORD).stat().st_mtime_ns == written
     assert (tmp_path / "bad/trajectory_map.tum").read_bytes() == poses
-
-
-@pytest.mark.long
-def test_a_cluster_of_which_a_worker_is_killed_gives_the_same_results(tmp_path: Path, scheduler: str) -> None:
-    from distributed import Client
-
-    here, there = _written(tmp_path / "here", 12), _written(tmp_path / "there", 12)
-    called("sgslam.cli.batch", here, "--jobs", "2")
-    command = [sys.executable, "-m", "sgslam.cli.batch", str(there), "--scheduler", scheduler]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    with Client(scheduler) as client:
-        pids = list(client.run(os.getpid).values())
-        process = subprocess.Popen(command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, text=True)
-        while not list(there.parent.glob("run*/metrics.json")):
-            assert process.poll() is None
-            time.sleep(0.05)
-        os.kill(pids[0], signal.SIGKILL)
-        printed, _ = process.communicate(timeout=500)
-    assert process.returncode == 1 and printed.splitlines()[-1] == f"failed: {there.parent / 'bad'}"
-    assert _rows(there) == _rows(here)
-    for k in range(11):
-        name = f"run{k}/trajectory_map.tum"
-        assert (there.parent / name).read_bytes() == (here.parent / name).read_bytes()

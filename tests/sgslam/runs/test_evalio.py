@@ -7,16 +7,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from commands import called, refused
+from commands import refused
 from drives import ROBOT, SENSOR
 from small_ifc import write_small_ifc
 
-from data.scans import ScanFolder
-from data.scans.evalio import EvalioScans
 from data.simulation.simulate import simulate
-from sgslam.session.checkpoints import about_run
 
 pytest.importorskip("evalio", reason="evalio is not installed: pip install 'sgslam[evalio]'")
 HELPERS = Path(__file__).resolve().parents[2] / "helpers"
@@ -78,30 +74,6 @@ def test_evalio_runs_our_tracking_beside_its_own(home: Path) -> None:
         assert (found.metadata.status.value, len(found)) == ("complete", COUNT), done.stdout + done.stderr
     assert errors["sgslam"] < errors["kiss"] and errors["planned"] < errors["kiss"]
     assert max(errors["sgslam"], errors["planned"]) < 0.05
-
-
-@pytest.mark.slow
-def test_a_sequence_gives_the_scans_that_it_was_made_of(known: Path) -> None:
-    ours, theirs = list(ScanFolder(known / NAME / "scans")), EvalioScans(f"evalio:{NAME}")
-    for _ in range(2):
-        read = list(theirs)
-        assert len(theirs) == len(read) == len(ours) and not theirs.skipped
-        for a, b in zip(read, ours, strict=True):
-            assert (a.index, a.stamp_ns) == (b.index, b.stamp_ns)
-            near = np.linalg.norm(b.points, axis=1) >= 0.3
-            np.testing.assert_allclose(a.points, b.points[near], atol=1e-12)
-            assert a.point_times is not None and b.point_times is not None
-            np.testing.assert_allclose(a.point_times, b.point_times[near], atol=2e-9)
-
-
-@pytest.mark.slow
-def test_a_run_takes_a_sequence_for_its_scans_and_resumes(known: Path, tmp_path: Path) -> None:
-    done = called("sgslam.run", "--scan-dir", f"evalio:{NAME}", "--bim", known / "small.ifc", "--out", tmp_path)
-    assert done.returncode == 0, done.stderr
-    metrics = json.loads((tmp_path / "metrics.json").read_text())
-    assert metrics["scans"] == len(ScanFolder(known / NAME / "scans"))
-    assert about_run(tmp_path)["arguments"]["scan_dir"] == f"evalio:{NAME}"
-    assert "is finished" in refused("sgslam.run", "--resume", tmp_path)
 
 
 def test_what_is_missing_is_told_in_one_line(known: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

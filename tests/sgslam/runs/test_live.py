@@ -3,54 +3,29 @@
 import json
 import logging
 import os
-import pickle
 import signal
 import subprocess
 import sys
 from pathlib import Path
-from time import monotonic, sleep
+from time import sleep
 from typing import Any
 
 import numpy as np
 import pytest
 from boxes import pose
-from carried_off import carried_off
 from commands import refused
 from drives import fed, small_drive
 
 from data.common.errors import UserError
 from data.trajectory import Trajectory
-from sgslam.config import Config
 from sgslam.live import LiveSlam
 from sgslam.live.commands import read_pose
 from sgslam.live.latencies import Latencies
 from sgslam.live.live_map import map_start
-from sgslam.live.messages import TrackedMessage
 from sgslam.slam import SceneGraphSlam
-from sgslam.tracking import CarriedElsewhere, RunTracker
 
 PART = 150  # scans of the small drive, after which it is anchored
 FILES = ("trajectory.tum", "trajectory_map.tum", "trajectory_odometry.tum", "s_graph.json", "deviations.json")
-
-
-@pytest.mark.long
-def test_steps_of_a_tracker_elsewhere_give_the_map_of_the_scans_themselves() -> None:
-    """Also where the sensor is carried elsewhere; the steps are those that another process gets."""
-    tracker, apart, whole = RunTracker(Config()), SceneGraphSlam(), SceneGraphSlam()
-    begun_anew = 0
-    scans = carried_off()
-    for last, (stamp_ns, points) in enumerate(scans, 1 - len(scans)):
-        times = np.zeros(len(points))
-        whole.add_scan(stamp_ns, points, times)
-        for step in [*tracker.track(stamp_ns, points, times), *(tracker.release() if last == 0 else ())]:
-            begun_anew += isinstance(step, CarriedElsewhere)
-            message = pickle.loads(pickle.dumps(TrackedMessage.of(step, tracker.advice)))
-            apart.add_tracked(message.step, message.advice)
-    result, other = apart.finish(), whole.finish()
-    assert begun_anew == apart.kidnaps == whole.kidnaps == 1
-    assert np.array_equal(result.trajectory_map.poses, other.trajectory_map.poses)
-    assert result.uncertainty.health == other.uncertainty.health and result.advice == other.advice
-    assert result.s_graph == other.s_graph and result.factors.events == other.factors.events
 
 
 @pytest.fixture(scope="module")
@@ -86,26 +61,14 @@ def test_a_live_run_ends_with_the_files_of_a_run_and_its_odometry_never_jumps(bu
     assert answers[0].T_bim_sensor is None and not answers[0].anchors
 
 
-def written(folder: Path, count: int) -> None:
-    """Files as a recorder leaves them."""
-    for stamp_ns, points in small_drive().scans[:count]:
-        hidden = folder / f".{stamp_ns + 10**18}.npy"
-        np.save(hidden, points)
-        hidden.rename(folder / hidden.name[1:])
-
-
-def begun(*arguments: Path | str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-m", "sgslam", "live", *map(str, arguments)], text=True, stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    )  # fmt: skip
-
-
 @pytest.mark.long
 def test_the_command_answers_in_lines_and_ctrl_c_ends_it_with_the_results(building: Path, tmp_path: Path) -> None:
     (tmp_path / "scans").mkdir()
-    written(tmp_path / "scans", 30)
-    process = begun(tmp_path / "scans", "--bim", building, "--out", tmp_path / "out")
+    for stamp_ns, points in small_drive().scans[:30]:
+        np.save(tmp_path / "scans" / f"{stamp_ns + 10**18}.npy", points)
+    given = [str(tmp_path / "scans"), "--bim", str(building), "--out", str(tmp_path / "out")]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    process = subprocess.Popen([sys.executable, "-m", "sgslam", "live", *given], text=True, **pipes)
     assert process.stdout is not None and process.stdin is not None
     lines: list[dict[str, Any]] = [json.loads(process.stdout.readline())]
     process.stdin.write("initialpose 1 2\ninitialpose 3001.5 -1998.5 0.5\n")
@@ -126,23 +89,6 @@ def test_the_command_answers_in_lines_and_ctrl_c_ends_it_with_the_results(buildi
     assert json.loads((tmp_path / "out" / "metrics.json").read_text())["live"]["since_arrival"]["answers"] == 31
 
 
-@pytest.mark.long
-def test_where_the_process_that_tracks_is_killed_the_other_one_writes_what_it_has(tmp_path: Path) -> None:
-    (tmp_path / "scans").mkdir()
-    written(tmp_path / "scans", 60)
-    process = begun(tmp_path / "scans", "--out", tmp_path / "out")
-    assert process.stdout is not None
-    lines = [json.loads(process.stdout.readline()) for _ in range(60)]
-    assert lines[-1]["health"] == "good"
-    process.kill()
-    process.communicate()
-    end = monotonic() + 60
-    while not (tmp_path / "out" / "metrics.json").is_file() and monotonic() < end:
-        sleep(0.1)
-    assert 0 < len(Trajectory.read_tum(tmp_path / "out" / "trajectory.tum")) <= 60
-    assert "the tracking process has ended" in (tmp_path / "out" / "run.log").read_text()
-
-
 @pytest.mark.slow
 def test_where_the_process_that_maps_is_ended_that_is_told(tmp_path: Path) -> None:
     live = LiveSlam(tmp_path / "out")
@@ -157,25 +103,10 @@ def test_where_the_process_that_maps_is_ended_that_is_told(tmp_path: Path) -> No
     assert not any(handler.__module__ == "sgslam.live.live_slam" for handler in logging.getLogger("sgslam").handlers)
 
 
-@pytest.mark.long
-def test_an_imu_tells_which_way_is_up(building: Path, tmp_path: Path) -> None:
-    """Of a sensor that seems to hang upside down, as a bare room looks the same."""
-    first, points = small_drive().scans[0]
-    with LiveSlam(tmp_path / "out", building) as live:
-        for k in range(60):
-            stamps = first + k * 10**8 + np.arange(0, 10**8, 5_000_000)
-            live.add_imu(stamps, np.zeros((20, 3)), np.tile([0.0, 0.0, -9.81], (20, 1)))
-            answer = live.add_scan(first + k * 10**8, points, np.zeros(len(points)))
-        assert answer.health == "good" and answer.T_odom_sensor[2, 2] < -0.99
-        with pytest.raises(UserError, match="stamps must increase"):
-            live.add_imu(stamps, np.zeros((20, 3)), np.tile([0.0, 0.0, -9.81], (20, 1)))
-
-
-@pytest.mark.parametrize("sensor", [(0.0, 0.0, 0.0), (2.0, -1.0, 0.7)])
-def test_a_pose_told_now_is_one_of_the_maps_origin(sensor: tuple[float, float, float]) -> None:
-    x, y, yaw = map_start((10.0, 20.0, 0.3), pose(sensor[0], sensor[1], 1.0, yaw=sensor[2]))
-    placed = pose(x, y, 0.0, yaw=yaw) @ pose(sensor[0], sensor[1], 1.0, yaw=sensor[2])
-    np.testing.assert_allclose(placed, pose(10.0, 20.0, 1.0, yaw=0.3), atol=1e-12)
+def test_a_pose_told_now_is_one_of_the_maps_origin() -> None:
+    sensor = pose(2.0, -1.0, 1.0, yaw=0.7)
+    x, y, yaw = map_start((10.0, 20.0, 0.3), sensor)
+    np.testing.assert_allclose(pose(x, y, 0.0, yaw=yaw) @ sensor, pose(10.0, 20.0, 1.0, yaw=0.3), atol=1e-12)
 
 
 def test_a_line_is_a_pose_or_nothing() -> None:

@@ -1,8 +1,6 @@
 """The command as a user calls it: the folder that it leaves, and what it makes of scans that are not all well."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import jsonschema
@@ -21,21 +19,6 @@ from data.trajectory import Trajectory
 ROOT = Path(__file__).resolve().parents[3]
 SCHEMA = ROOT / "data" / "scene_graph" / "scene_graph.schema.json"
 SHARED_SCHEMA = ROOT.parent / "shared" / "schemas" / "scene_graph.schema.json"
-
-
-def values(folder: Path, name: str = "metrics") -> dict[str, object]:
-    return dict(json.loads((folder / f"{name}.json").read_text()))
-
-
-@pytest.mark.long
-def test_the_demo_is_anchored_within_three_centimetres(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "sgslam.run", "--demo", "--strict", "--out", str(tmp_path / "out")]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=900, check=False)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines()[-1] == f"report: {tmp_path / 'out' / 'report.html'}"
-    metrics = json.loads((tmp_path / "out/metrics.json").read_text())
-    assert metrics["anchored"] is True and metrics["accuracy"]["rmse_bim_m"] < 0.03
-    assert metrics["accuracy"]["matched_poses"] == metrics["accuracy"]["total_poses"] == metrics["scans"]
 
 
 def test_a_run_leaves_the_folder_of_the_contract(anchored_run: Path) -> None:
@@ -65,9 +48,6 @@ def test_its_graphs_keep_the_schema_and_its_matches_are_of_what_was_seen(anchore
         graph = json.loads((anchored_run / "out" / f"{name}.json").read_text())
         jsonschema.validate(graph, schema)
         assert graph["frame"] == frame
-        del graph["wall_surfaces"][0]["normal"]
-        with pytest.raises(jsonschema.ValidationError):
-            jsonschema.validate(graph, schema)
     s, a = graphs
     matches = json.loads((anchored_run / "out/matches.json").read_text())
     assert matches["status"] == "unique" and len(matches["rooms"]) >= 3
@@ -103,28 +83,11 @@ def test_without_a_plan_it_runs_through_and_strict_is_not_content(scans: Path, t
         path.write_text("of an earlier run in this folder, with a plan")
     done = called("sgslam.run", "--scan-dir", scans, "--out", tmp_path / "out", "--strict")
     assert done.returncode == 3 and "map only" in done.stdout and "--strict: exit code 3: map only" in done.stderr
-    metrics = values(tmp_path / "out")
+    metrics = json.loads((tmp_path / "out/metrics.json").read_text())
     assert metrics["anchored"] is False and metrics["reason"] == "no plan was given"
     assert (metrics["scans"], metrics["anchored_share"]) == (12, 0.0)
     assert not any(path.exists() for path in stale)
     assert "0.1 s apart" in done.stderr  # the stamps are a guess, which the user can read
-
-
-@pytest.mark.parametrize("most", [1.0, 0.2])
-def test_signals_of_quality_are_told_in_words(most: float, scans: Path, tmp_path: Path) -> None:
-    limits = ["--set", f"quality.keyframes_without_walls={most}", "--set", "quality.walls_per_keyframe=0"]
-    done = called("sgslam.run", "--scan-dir", scans, "--out", tmp_path / "out", "--single-pass", *limits)
-    words = " ".join(done.stdout.replace("│", " ").split())
-    assert ("all signals within their limits" in words) == (most == 1.0)
-    assert ("see no wall, share of all: 50 % (at most 20 %)" in words) == (most == 0.2)
-
-
-@pytest.mark.slow
-def test_a_run_takes_no_torch(scans: Path, tmp_path: Path) -> None:
-    code = "import sys; from sgslam.run import main; assert main(sys.argv[1:]) == 0 and 'torch' not in sys.modules"
-    given = [sys.executable, "-c", code, "--scan-dir", str(scans), "--out", str(tmp_path / "out")]
-    done = subprocess.run(given, capture_output=True, text=True, timeout=300, check=False)
-    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize(("bad", "skipped"), [(2, True), (4, False)])
@@ -134,13 +97,9 @@ def test_up_to_a_fifth_of_the_scans_may_be_bad(bad: int, skipped: bool, scans: P
     for k in range(12 - bad, 11):
         (scans / f"{k}.npy").write_bytes(b"not numpy")
     words = ("sgslam.run", "--scan-dir", scans, "--out", tmp_path / "out", "--single-pass")
-    if skipped:
-        assert called(*words).returncode == 0
-        assert (values(tmp_path / "out")["scans"], values(tmp_path / "out")["scans_skipped"]) == (10, 2)
-    else:
-        done = called(*words)
-        assert done.returncode == 2 and "fifth" in done.stderr.splitlines()[-1]
-        assert len(Trajectory.read_tum(tmp_path / "out/trajectory.tum")) == 8
+    done = called(*words)
+    assert done.returncode == (0 if skipped else 2) and ("fifth" in done.stderr.splitlines()[-1]) != skipped
+    assert len(Trajectory.read_tum(tmp_path / "out/trajectory.tum")) == 12 - bad
 
 
 def test_config_of_a_run_repeats_it_and_a_mistake_leaves_its_results_alone(scans: Path, tmp_path: Path) -> None:

@@ -1,18 +1,21 @@
-"""An IMU given to a run: by library, and in a bag with the scans."""
+"""An IMU that is given to a run, and stamps that name another instant of a scan than its start."""
 
-import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
-from bag_files import START, cloud, imu, store, write_bag
+from bag_files import START, cloud, imu, lidar_bag, scan_points, store, write_bag
 from boxes import pose, room, scan, scene_of
 from commands import called, refused
 
 from data.common.errors import UserError
 from data.imu import ImuSamples, write_imu
+from data.scans import Scan, ScanSource
+from data.scans.sources import open_scans
+from data.scans.writers import SCAN_WRITERS
+from data.streams import Arrival, GrowingFolder, McapPipe, ScanStream
 from data.trajectory import Trajectory
 from sgslam import SceneGraphSlam
 
@@ -30,15 +33,6 @@ def test_samples_that_go_back_or_are_not_finite_are_refused() -> None:
     assert slam.newest_imu_ns == 6
 
 
-def test_a_restored_run_has_the_samples() -> None:
-    slam, other = SceneGraphSlam(), SceneGraphSlam()
-    stamps = np.arange(0, 10**8, 5_000_000)
-    slam.add_imu(stamps, np.zeros((len(stamps), 3)), np.tile(UP, (len(stamps), 1)))
-    slam.add_scan(0, scan(scene_of(room(-3.0, -2.0, 5.0, 3.0)), pose(0.0, 0.0, 1.3)))
-    other.restore(slam.state())
-    assert other.newest_imu_ns == stamps[-1]
-
-
 @pytest.mark.slow
 def test_a_bags_imu_tells_that_the_sensor_hangs_upside_down(tmp_path: Path) -> None:
     types, scene, hangs = store(ros1=True), scene_of(room(-3.0, -2.0, 5.0, 3.0)), np.diag([1.0, -1.0, -1.0, 1.0])
@@ -54,40 +48,49 @@ def test_a_bags_imu_tells_that_the_sensor_hangs_upside_down(tmp_path: Path) -> N
     assert "no such IMU" in refused("sgslam.run", "--scan-dir", bag, "--imu", bag, "--imu-topic", "/points")
 
 
-def write_standing(folder: Path) -> Path:
-    """Half a second of scans of a standing sensor, and `imu.csv`."""
-    scene = scene_of(room(-3.0, -2.0, 5.0, 3.0))
-    folder.mkdir()
-    for k in range(6):
-        np.save(folder / f"{k}.npy", scan(scene, pose(0.0, 0.0, 1.3), seed=k))
-    stamps = np.arange(0, 8 * 10**8, 5_000_000)
-    write_imu(ImuSamples(stamps, np.zeros((len(stamps), 3)), np.tile(UP, (len(stamps), 1))), folder / "imu.csv")
-    return folder
-
-
 def test_a_lidar_inertial_odometry_without_its_library_or_an_imu_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scans = write_standing(tmp_path / "scans")
+    np.save(tmp_path / "0.npy", scan_points(0))
+    write_imu(ImuSamples(np.arange(3) * 10**7, np.zeros((3, 3)), np.tile(UP, (3, 1))), tmp_path / "imu.csv")
     for method in ("rko_lio", "genz_lio"):
-        told = ("sgslam.run", "--single-pass", "--scan-dir", scans, "--odometry", method, "--out", tmp_path / "out")
+        told = ("sgslam.run", "--single-pass", "--scan-dir", tmp_path, "--odometry", method, "--out", tmp_path / "out")
         if find_spec(method) is not None:
             assert f"--odometry {method}: needs an IMU; give its samples with --imu FILE" in refused(*told)
         monkeypatch.setitem(sys.modules, method, None)  # as if it were not installed
-        said = refused(*told, "--imu", scans / "imu.csv")
+        said = refused(*told, "--imu", tmp_path / "imu.csv")
         assert f"odometry {method}: the library is not installed; pip install 'sgslam[{method}]'" in said
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("method", ["rko_lio", "genz_lio"])
-def test_what_a_library_prints_is_not_on_standard_output(method: str, tmp_path: Path) -> None:
-    if find_spec(method) is None:
-        pytest.skip(f"needs the extra {method}")
-    scans = write_standing(tmp_path / "scans")
-    words = ["--scan-dir", scans, "--imu", scans / "imu.csv", "--odometry", method, "--out", tmp_path / "out"]
-    command = [sys.executable, "-m", "sgslam.run", "--single-pass", *map(str, words)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
-    assert done.returncode == 0, done.stderr
-    assert "IMU" not in done.stdout and "Profiling" not in done.stdout
-    moved = Trajectory.read_tum(tmp_path / "out/trajectory.tum").positions
-    assert len(moved) == 6 and np.linalg.norm(moved - moved[0], axis=1).max() < 0.05
+TIMES = np.linspace(0.0, 0.099, 40, dtype=np.float32)  # s, from the first point
+
+
+@pytest.mark.parametrize("form", ["folder", "growing folder", "bag", "pipe"])
+def test_every_reader_counts_relative_times_from_the_instant_that_is_stamped(form: str, tmp_path: Path) -> None:
+    made = tmp_path if "folder" in form else lidar_bag(tmp_path / "bag", "mcap", 2)
+    if "folder" in form:
+        for k in range(2):
+            SCAN_WRITERS["ply"](tmp_path / f"{k}.5.ply", scan_points(k), TIMES)
+    source: ScanSource | ScanStream
+    if form in ("folder", "bag"):
+        source = open_scans(made, stamped="end")
+    else:
+        source = GrowingFolder(made) if "folder" in form else McapPipe(next(made.glob("*.mcap")).open("rb"))
+        source.stamped = "end"
+    first = next(iter(source))
+    read = first.scan if isinstance(first, Arrival) else first
+    assert isinstance(read, Scan) and read.point_times == pytest.approx(TIMES - 0.099, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_a_run_says_which_instant_it_takes_stamps_for(tmp_path: Path) -> None:
+    scene = scene_of(room(-3.0, -2.0, 5.0, 3.0))
+    (tmp_path / "scans").mkdir()
+    for k in range(6):
+        np.save(tmp_path / f"scans/{k}.npy", scan(scene, pose(0.02 * k, 0.0, 1.3), seed=k))
+    for more, stamped in ((("--stamp", "end"), "end"), ((), "start")):
+        out = tmp_path / stamped
+        done = called("sgslam.run", "--single-pass", "--scan-dir", tmp_path / "scans", "--out", out, *more)
+        assert done.returncode == 0, done.stderr
+        assert f"stamp: {stamped}" in (out / "config.yaml").read_text()
+        assert f"{stamped} of a scan" in (out / "report.html").read_text()
