@@ -21,7 +21,7 @@ from data.trajectory import Trajectory
 from evaluation.__main__ import main
 from evaluation.buildings import plan_graph
 from evaluation.rows import read_rows
-from evaluation.studies.real import Choice, cases, claims, measure, tables
+from evaluation.studies.real import STUDY, Choice, cases, claims, measure
 
 T0 = 1_700_000_000_000_000_000
 
@@ -86,7 +86,7 @@ def test_without_a_plan_the_error_of_a_surveyed_point_counts(own: Path, tmp_path
     record = measure(case, tmp_path / "work")
     assert record["anchored"] == record["true"] == 0 and record["aligned_rmse_m"] < 0.05
     rows = pd.DataFrame([{**case.model_dump(), **record}])
-    assert claims(rows) == [] and not tables(rows)["recordings"].iloc[0]["anchored"]
+    assert claims(rows) == [] and not STUDY.tables(rows)["recordings"].iloc[0]["anchored"]
 
 
 def test_runs_that_are_not_anchored_are_no_success() -> None:
@@ -96,7 +96,7 @@ def test_runs_that_are_not_anchored_are_no_success() -> None:
 
     whole = [row(None, 1, (0.29, 0.99)), row(None, 1, (2.9, 4.9)), row(None, 1, (0.31, 0.1)), row(None, 1)]
     rows = pd.DataFrame([*whole, row(15.0, 4, (0.1, 1.1), (3.1, 0.1), (0.1, 5.1))])
-    line, pieces = tables(rows)["datasets"].iloc[0], tables(rows)["pieces"].iloc[0]
+    line, pieces = STUDY.tables(rows)["datasets"].iloc[0], STUDY.tables(rows)["pieces"].iloc[0]
     within = ["anchored", "ends within 3 m, 5 deg", "ends within 0.3 m, 1 deg"]
     assert line[within].tolist() == ["3/4", "3/4", "1/4"] and line["coverage"] == "90.0 %"
     assert pieces[within].tolist() == ["3/4", "1/4", "0/4"]
