@@ -61,7 +61,7 @@ def test_a_live_run_ends_with_the_files_of_a_run_and_its_odometry_never_jumps(bu
     assert answers[0].T_bim_sensor is None and not answers[0].anchors
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_command_answers_in_lines_and_ctrl_c_ends_it_with_the_results(building: Path, tmp_path: Path) -> None:
     (tmp_path / "scans").mkdir()
     for stamp_ns, points in small_drive().scans[:30]:
