@@ -57,8 +57,13 @@ def test_the_published_networks_know_their_perturbation_and_nothing_of_an_unknow
 
 
 @pytest.mark.slow
-def test_the_command_trains_and_refuses_mistakes(tmp_path: Path) -> None:
-    train_command(["--preset", "repository", "--out", str(tmp_path), "--pairs", "20", "--epochs", "1"])
+def test_the_command_trains_goes_on_and_refuses_mistakes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--preset", "repository", "--out", str(tmp_path), "--pairs", "20", "--epochs"]
+    train_command([*words, "1"])
+    train_command([*words, "2"])
+    assert "resuming after 1 epochs" in capsys.readouterr().out
+    with pytest.raises(UserError, match="a run with another seed"):
+        train_command([*words, "2", "--seed", "1"])
     assert json.loads((tmp_path / "model_card.json").read_text())["parameters"] == 50_754
     assert load_paper_network(tmp_path / "paper.pt").settings == REPOSITORY
     for wrong in (["--preset", "best"], ["--edges", "all"], ["--without", "walls"], ["--epochs", "0"]):
