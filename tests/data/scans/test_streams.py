@@ -69,6 +69,17 @@ def test_files_are_taken_in_their_order_with_those_that_were_there_before(tmp_pa
     assert "came after 12.5.npy" in stream.skipped[0].reason
 
 
+def test_a_stamp_far_ahead_costs_only_its_own_scan(tmp_path: Path) -> None:
+    (tmp_path / "times.txt").write_text("1\n1.1\n99\n1.2\n")
+    for k in range(4):
+        np.save(tmp_path / f"{k}.npy", POINTS)
+        os.utime(tmp_path / f"{k}.npy", (0, 0))
+    stream = GrowingFolder(tmp_path)
+    with coming(stream) as arrivals:
+        assert stamps_of(arrivals, 3) == [1_000_000_000, 1_100_000_000, 1_200_000_000]
+    assert [own.name for own in stream.skipped] == ["2.npy"]
+
+
 def test_stamps_come_from_a_times_txt_that_grows_or_from_all_names(tmp_path: Path) -> None:
     scan, times = tmp_path / "scans" / "0.npy", tmp_path / "times.txt"
     times.write_text("# seconds\n1.5\n2.")
