@@ -73,7 +73,8 @@ def test_the_doctor_finds_a_missing_an_old_and_a_crashing_library(
 ) -> None:
     wanted = [Requirement("no-such-package-of-ours>=1"), Requirement("numpy<1")]
     python, _, _ = installed.required()
-    monkeypatch.setattr(installed, "required", lambda: (python, wanted, {}))
+    monkeypatch.setattr(installed, "required", lambda: (python, wanted, {"more": wanted}))
+    assert list(installed.extras()) == [("more", "no-such-package-of-ours, numpy")]
     for (_, (well, message)), needed in zip(installed.requirements(), wanted, strict=True):
         assert not well and f"pip install '{needed}'" in message
     (tmp_path / "gtsam.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGILL)\n")
@@ -94,3 +95,10 @@ def test_the_doctor_knows_what_a_container_leaves(
     (tmp_path / "memory.current").write_text("1000000000\n")
     found = doctor._memory()
     assert f"{found.state} {found.message}".startswith(said)
+
+
+def test_the_doctor_tries_the_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").write_text("")
+    for folder, state in (("new", "ok"), ("file", "note")):
+        monkeypatch.setenv("SGSLAM_CACHE_DIR", str(tmp_path / folder))
+        assert doctor._cache().state == state

@@ -15,7 +15,7 @@ from data.scans import ScanFolder
 from data.simulation import SpinningSensor
 from data.simulation.carriers import HANDHELD, Recorded, carrier_named
 from data.simulation.carriers.shaken import Shaken
-from data.simulation.drive import plan_drive
+from data.simulation.drive import Robot, plan_drive
 from data.simulation.imu import RATE as IMU_RATE
 from data.simulation.imu import imu_named
 from data.simulation.sensors import SENSORS, sensor_named
@@ -79,6 +79,10 @@ def test_wrong_names_and_recordings_are_refused(tmp_path: Path) -> None:
         (lambda: carrier_named("handheld", pace=2.0), "not a recording"),
         (lambda: sensor_named("VLP-64"), "'VLP-64' is not known; give one of VLP-16"),
         (lambda: sensor_named("Mid-360", 900), "does not spin"),
+        (lambda: SpinningSensor(beams=0), "beams, azimuths and rate must be positive"),
+        (lambda: SpinningSensor(lowest_deg=20.0), "must rise from lowest to highest"),
+        (lambda: SpinningSensor(range_noise=-0.01), "the noise must not be negative"),
+        (lambda: Robot(radius=0.0), "robot: radius"),
         (lambda: imu_named("best"), "give one of mid360, tactical"),
     ):
         with pytest.raises(UserError, match=message):
