@@ -33,11 +33,6 @@ PLAN = a_graph(flat(np.random.default_rng(3), 10, 8))
 Arrays = dict[str, np.ndarray[Any, Any]]
 
 
-@pytest.fixture(autouse=True)
-def _one_thread() -> None:
-    torch.set_num_threads(1)
-
-
 @pytest.fixture(scope="module")
 def drawn() -> DrawnGraph:
     return draw(PLAN, "drift", np.random.default_rng(1), 3)

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 from plans import a_graph, flat, moved
 
 from data import SceneGraph, UserError
@@ -20,11 +19,6 @@ from matching.published.train import main as train_command
 from matching.published.weights import load_paper_network
 
 PLAN = a_graph(flat(np.random.default_rng(3), 10, 8))
-
-
-@pytest.fixture(autouse=True)
-def _one_thread() -> None:
-    torch.set_num_threads(1)
 
 
 def right(result: MatchResult, truth: dict[str, str]) -> float:
