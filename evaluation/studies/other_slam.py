@@ -87,17 +87,14 @@ def measure(case: DriveCase, work: Path) -> Record:
     if len(anchored) == len(alone):  # those without stamps of the scans' clock
         anchored = Trajectory(alone.stamps_ns, anchored.poses)
     exact = Trajectory(anchored.stamps_ns, drive.truth.at(anchored.stamps_ns))
+    alarms = [name for name, signal in metrics["quality"].items() if not signal["ok"]]
     facts = {"reason": metrics["reason"], "cpu_s": metrics.get("cpu_seconds", process_time() - began)}
-    outcome = Outcome(drive.count, exact, odometry=alone, facts={**facts, "alarms": _alarms(metrics)})
+    outcome = Outcome(drive.count, exact, odometry=alone, facts={**facts, "alarms": alarms})
     if metrics["anchored"]:
         outcome = Outcome(drive.count, exact, anchored, anchored, alone, facts=outcome.facts)
     measured = described(case) | outcome.measures()
     gained = measured["anchored"] and measured["odometry_ate_m"]
     return measured | {"removed": 1 - measured["rmse_m"] / measured["odometry_ate_m"] if gained else None}
-
-
-def _alarms(metrics: Mapping[str, Any]) -> list[str]:
-    return [name for name, signal in metrics["quality"].items() if not signal["ok"]]
 
 
 def _output(system: str, drive: Drive, folder: Path) -> tuple[Path, Trajectory]:
