@@ -126,9 +126,9 @@ class Matcher:
 
 
 def _learned(weights: Path | str | None) -> Method:
-    from matching.deformation import DeformableMatcher  # compiled loops are slow to import
+    from matching.engine import DeformableMatcher  # compiled loops are slow to import
     from matching.learned import LearnedProposer
-    from matching.search.voting_proposals import voting_proposals
+    from matching.engine.voting_proposals import voting_proposals
 
     return DeformableMatcher(LearnedProposer.load(weights).propose, voting_proposals)
 

@@ -38,8 +38,8 @@ def propose() -> None:
 
 def search() -> None:
     """Compiles the other half: without proposals, all steps of placing and verification run."""
-    from matching.deformation import DeformableMatcher
-    from matching.search.voting_proposals import voting_proposals
+    from matching.engine import DeformableMatcher
+    from matching.engine.voting_proposals import voting_proposals
 
     def nothing(s: SceneGraph, a: SceneGraph, known: Walls) -> Proposals:
         return Proposals(*(TopK(np.zeros((n, 0), dtype=np.int64), np.zeros((n, 0))) for n in (len(s.wall_surfaces), 0)))

@@ -34,8 +34,8 @@ def matcher_named(name: str) -> Matcher:
     """The matcher of this name. Raises UserError for an unknown one."""
     if name != PROPOSALS:
         return Matcher.load("learned" if name == ORACLE else name)
-    from matching.deformation import DeformableMatcher
-    from matching.search.voting_proposals import voting_proposals
+    from matching.engine import DeformableMatcher
+    from matching.engine.voting_proposals import voting_proposals
 
     return Matcher(DeformableMatcher(voting_proposals))
 

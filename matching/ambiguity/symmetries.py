@@ -33,7 +33,7 @@ from matching.ambiguity.symmetry_evidence import PlacedPart, part_of, place_part
 from matching.arrays import Index, Walls, arrays, storeys
 from matching.search.hypotheses import DISTINCT_M, DISTINCT_RAD, between_graphs
 from matching.search.scoring import explained
-from matching.search.voting import candidates
+from matching.engine.votes import candidates
 
 SURE = float(np.log(199))  # nats
 EQUAL = 1.0  # nats to be expected: in fewer than one map of a thousand of such a place it comes to SURE

@@ -6,7 +6,7 @@ import numpy as np
 
 from data.geometry import se2
 from data.geometry.se2 import Array
-from matching.search.confidence import room_confidence, surface_confidence
+from matching.engine.confidence import room_confidence, surface_confidence
 from matching.search.hypotheses import Placement
 
 LEAST_QUALITY = 0.1

@@ -10,7 +10,7 @@ from data.geometry.se2 import Array
 from matching.arrays import Index, Walls
 from matching.search.evidence import evidence
 from matching.search.scoring import SIGMA_SCORE, Fit, Pairing, bend, explained, fit, refine_rigid, rigid_of
-from matching.search.voting import candidates
+from matching.engine.votes import candidates
 
 SIGMAS_RIGID = (0.35, 0.25, 0.2)  # metres
 SIGMAS_DEFORMED = (0.3, 0.2, 0.15, 0.15)

@@ -12,7 +12,7 @@ import numpy as np
 from matching.arrays import Walls
 from matching.result import Status
 from matching.search.assignment import Pairs
-from matching.search.confidence import place_probability
+from matching.engine.confidence import place_probability
 from matching.search.hypotheses import Placement
 
 LEAST_SURFACES = 5

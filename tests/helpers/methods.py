@@ -8,8 +8,8 @@ from plans import a_graph, box, flat
 
 from data import SceneGraph
 from matching import Matcher
-from matching.deformation import DeformableMatcher
-from matching.search.voting_proposals import voting_proposals
+from matching.engine import DeformableMatcher
+from matching.engine.voting_proposals import voting_proposals
 
 METHODS = ("learned", "voting", "paper", "pca-gm", "superglue", "combinatorial", "combinatorial-grid")
 VOTED = "deformation by voting"  # what `learned` does with its network's proposals, with those of corners instead

@@ -6,8 +6,8 @@ from data.common.compiled import compiled
 from data.geometry.se2 import Array
 from data.geometry.se2_compiled import wrapped
 from matching.arrays import Index
-from matching.deformation.field import Fields, Scene
-from matching.deformation.field_loops import Loops, turns, wall_poses
+from matching.engine.field import Fields, Scene
+from matching.engine.field_loops import Loops, turns, wall_poses
 from matching.search.hypotheses import DISTINCT_M, DISTINCT_RAD
 
 LEAST_WEIGHT = 1e-6  # of a wall that is not explained

@@ -8,11 +8,11 @@ from data.geometry.se2 import Array
 from data.scene_graph import SceneGraph
 from matching.arrays import Index, Walls, arrays, storeys
 from matching.arrays.doors import doors
-from matching.search.corners import corners
-from matching.search.groups import Groups, groups
+from matching.engine.corners import corners
+from matching.arrays.groups import Groups, groups
 from matching.search.proposals import Proposals, TopK
 from matching.search.scoring import Pairing, fit, refine_rigid
-from matching.search.voting import Marks, candidates, vote
+from matching.engine.votes import Marks, candidates, vote
 
 MOST_PARTS = 8
 MOST_WALLS = 200  # of a map that votes as a whole

@@ -12,8 +12,8 @@ from data.geometry.se2 import Array
 from data.geometry.se2_compiled import wrapped
 from matching.arrays import Index
 from matching.arrays.blocks import solve
-from matching.deformation.field import Scene
-from matching.deformation.field_loops import Loops, best_pair, compared, sharpness, strained, turns, wall_poses
+from matching.engine.field import Scene
+from matching.engine.field_loops import Loops, best_pair, compared, sharpness, strained, turns, wall_poses
 from matching.search.scoring import SIGMA_ALONG
 
 ROBUST = 3.0  # deviations of a step beyond which neighbours are weighted down

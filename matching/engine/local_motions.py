@@ -14,10 +14,10 @@ from data.common.compiled import compiled
 from data.geometry.se2 import Array
 from data.geometry.se2_compiled import wrapped
 from matching.arrays import Index
-from matching.deformation.field import Fields, Scene, rigid_state
+from matching.engine.field import Fields, Scene, rigid_state
 from matching.search import TopK
 from matching.search.scoring import SIGMA_ALONG
-from matching.search.voting import ascending, most_of
+from matching.engine.votes import ascending, most_of
 
 OPENING = float(np.radians(10))  # the angles between two S walls and their A walls differ by less
 LEAST_ANGLE = float(np.radians(35))

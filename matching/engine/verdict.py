@@ -7,8 +7,8 @@ of generated buildings, matched with their own plans and with others.
 
 import numpy as np
 
-from matching.deformation.deformed_hypotheses import DeformedHypotheses
-from matching.deformation.field import judge
+from matching.engine.hypotheses import DeformedHypotheses
+from matching.engine.field import judge
 from matching.search.assignment import Pairs
 from matching.search.scoring import SIGMA_SCORE
 from matching.search.verification import LEAST_SURFACES, PLACES_PER_M2, Verdict, matched, places_named, unexplained

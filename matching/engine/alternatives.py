@@ -11,13 +11,13 @@ from data.geometry import se2
 from data.geometry.se2 import Array
 from data.geometry.se2_compiled import wrapped
 from matching.arrays import Index
-from matching.deformation.field import Fields, Scene, judge
-from matching.deformation.field_loops import of_direction, off_lines
-from matching.search.corners import corners
+from matching.engine.field import Fields, Scene, judge
+from matching.engine.field_loops import of_direction, off_lines
+from matching.engine.corners import corners
 from matching.search.evidence import SEEN
-from matching.search.plan_walls import PlanWalls
+from matching.engine.plan_walls import PlanWalls
 from matching.search.scoring import FAR, SAME_DIRECTION, SIGMA_HEADING, SIGMA_SCORE
-from matching.search.voting import Marks, vote
+from matching.engine.votes import Marks, vote
 
 PLACES, MOST_PLACES = 12, 192  # of each yaw mode; more if all of those fit
 SIGMA = 0.4  # metres across: places that are alike, not equal

@@ -6,7 +6,7 @@ from data.common.compiled import compiled
 from data.geometry.se2 import Array
 from data.geometry.se2_compiled import wrapped
 from matching.arrays import Index, Walls
-from matching.search.voting import REACH, Marks
+from matching.engine.votes import REACH, Marks
 
 LEAST_SINE = float(np.sin(np.radians(30)))
 

@@ -7,10 +7,10 @@ import numpy as np
 from data.common.compiled import compiled
 from data.geometry.se2 import Array
 from matching.arrays import Index
-from matching.deformation.field import Fields, Scene
-from matching.deformation.field_loops import Loops
-from matching.deformation.field_partners import nearest, partners
-from matching.deformation.field_step import stepped
+from matching.engine.field import Fields, Scene
+from matching.engine.field_loops import Loops
+from matching.engine.field_partners import nearest, partners
+from matching.engine.field_step import stepped
 
 FRESH_M, FRESH_RAD = 0.6, float(np.radians(6))  # how far a group may move before its walls' partners are searched again
 

@@ -17,17 +17,17 @@ from data.geometry.se2 import Array
 from data.scene_graph import SceneGraph
 from matching.arrays import Index, arrays
 from matching.arrays.doors import doors
-from matching.deformation.alternative_placements import alternative_placements
-from matching.deformation.evidence import Chance, evidence
-from matching.deformation.field import Fields, Scene, explained, motions
-from matching.deformation.field_rigid import distinct, rigid
-from matching.deformation.guided_field import GuidedFields, advance, guided
-from matching.deformation.local_motions import local_motions, seeds
-from matching.deformation.local_restarts import restart_locally
+from matching.engine.alternatives import alternative_placements
+from matching.engine.evidence import Chance, evidence
+from matching.engine.field import Fields, Scene, explained, motions
+from matching.engine.field_rigid import distinct, rigid
+from matching.engine.guided_field import GuidedFields, advance, guided
+from matching.engine.local_motions import local_motions, seeds
+from matching.engine.local_restarts import restart_locally
 from matching.search import TopK
-from matching.search.groups import groups
+from matching.arrays.groups import groups
 from matching.search.hypotheses import between_graphs
-from matching.search.plan_walls import PlanWalls
+from matching.engine.plan_walls import PlanWalls
 from matching.search.scoring import SIGMA_SCORE
 
 SIGMAS = np.array([0.35, 0.25, 0.18, 0.13])  # metres across; decreasing as a group's walls settle

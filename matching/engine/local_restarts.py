@@ -5,8 +5,8 @@ from numpy.typing import NDArray
 
 from data.geometry.se2 import Array
 from matching.arrays import Index
-from matching.deformation.field import Fields, Scene, chi2, explained
-from matching.deformation.field_step import step
+from matching.engine.field import Fields, Scene, chi2, explained
+from matching.engine.field_step import step
 from matching.search.scoring import SIGMA_SCORE
 
 ASIDE = 0.45  # metres, along both axes of the plan, both ways

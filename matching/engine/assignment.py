@@ -7,10 +7,10 @@ import numpy as np
 from data.common.compiled import compiled
 from data.geometry.se2 import Array
 from matching.arrays import Index, Walls
-from matching.deformation.deformed_hypotheses import DeformedHypotheses
-from matching.deformation.field_loops import Loops, compared, turns, wall_poses
+from matching.engine.hypotheses import DeformedHypotheses
+from matching.engine.field_loops import Loops, compared, turns, wall_poses
 from matching.search.assignment import Pairs
-from matching.search.confidence import room_confidence, surface_confidence
+from matching.engine.confidence import room_confidence, surface_confidence
 
 SIGMA_ACROSS, SIGMA_TURN, SIGMA_END = 0.12, float(np.radians(3.5)), 0.5  # metres, radians, metres
 UPON = 0.2  # of a wall's own length beside the plan's, from which on it does not matter how much it is

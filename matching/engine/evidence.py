@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from data.common.compiled import compiled
 from data.geometry.se2 import Array
 from matching.arrays import Index
-from matching.deformation.door_evidence import door_evidence
-from matching.deformation.field import Fields, Judged, Scene, chi2, judge
+from matching.engine.door_evidence import door_evidence
+from matching.engine.field import Fields, Judged, Scene, chi2, judge
 from matching.search.evidence import (
     END_SIGMAS,
     END_TRUST,

@@ -6,8 +6,8 @@ from data.common.compiled import compiled
 from data.geometry.se2 import Array
 from data.geometry.se2_compiled import wrapped
 from matching.arrays import Index
-from matching.deformation.field import Fields, Scene
-from matching.deformation.field_loops import Loops, of_direction, off_lines, turns, wall_poses
+from matching.engine.field import Fields, Scene
+from matching.engine.field_loops import Loops, of_direction, off_lines, turns, wall_poses
 
 GATE_M = 2.0  # metres across and beyond the ends, of pairs that are considered at all
 GATE_RAD = float(np.radians(25))

@@ -7,12 +7,12 @@ import numpy as np
 
 from data.scene_graph import SceneGraph
 from matching.arrays import PlanCache
-from matching.deformation.assignment import assign, assign_rooms
-from matching.deformation.deformed_hypotheses import DeformedHypotheses, scene_of, search
-from matching.deformation.verification import verify
+from matching.engine.assignment import assign, assign_rooms
+from matching.engine.hypotheses import DeformedHypotheses, scene_of, search
+from matching.engine.verdict import verify
 from matching.result import Hypothesis, MatchResult
 from matching.search import Start, TopK, near_start
-from matching.search.plan_walls import PlanWalls
+from matching.engine.plan_walls import PlanWalls
 from matching.search.proposals import Proposer
 
 LISTED = 10  # hypotheses in the result, at most

@@ -10,7 +10,7 @@ import numpy as np
 from data.common.compiled import compiled
 from data.geometry.se2 import Array
 from matching.arrays import Index
-from matching.deformation.field import Fields, Scene
+from matching.engine.field import Fields, Scene
 
 SIGMAS = np.array([0.15, 0.45])  # metres, of both axes
 SHARES = np.array([0.75, 0.25])  # prior of each deviation
