@@ -121,9 +121,7 @@ def draw_walk(storey: Storey, walked: Walk, noise: str, rng: np.random.Generator
     return _built(storey, map_rooms, motions, rng, deformed)
 
 
-def _drifted(
-    storey: Storey, walked: Walk, T_map_a: Array, factor: float, rng: np.random.Generator
-) -> dict[int, Array]:
+def _drifted(storey: Storey, walked: Walk, T_map_a: Array, factor: float, rng: np.random.Generator) -> dict[int, Array]:
     """T_map_a of each room: that of the room it was entered from, plus a random step about its centroid."""
     motions: list[Array] = []
     for room, parent in zip(walked.rooms, walked.parents, strict=True):

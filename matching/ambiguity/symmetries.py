@@ -31,9 +31,9 @@ from matching.ambiguity.perfect_map import visible_walls
 from matching.ambiguity.symmetry_doors import doors_at_home, doors_there, observed_doors
 from matching.ambiguity.symmetry_evidence import PlacedPart, part_of, place_part
 from matching.arrays import Index, Walls, arrays, storeys
+from matching.engine.votes import candidates
 from matching.search.hypotheses import DISTINCT_M, DISTINCT_RAD, between_graphs
 from matching.search.scoring import explained
-from matching.engine.votes import candidates
 
 SURE = float(np.log(199))  # nats
 EQUAL = 1.0  # nats to be expected: in fewer than one map of a thousand of such a place it comes to SURE

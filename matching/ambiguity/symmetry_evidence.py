@@ -100,8 +100,11 @@ def _pairs(part: Part, storey: Walls, state: Array, loosened: float) -> tuple[Ar
     slack = walls.half[:, None] - storey.half[None]
     known = walls.known[:, None] & storey.known[None]
     beyond = along + slack, along - slack  # of the ends along the tangent and against it; a wall that goes on may be
-    beyond = np.maximum(beyond[0], np.where(part.goes_on[:, 1:], 0.0, -np.inf)), np.minimum(  # longer there
-        beyond[1], np.where(part.goes_on[:, :1], 0.0, np.inf)
+    beyond = (
+        np.maximum(beyond[0], np.where(part.goes_on[:, 1:], 0.0, -np.inf)),
+        np.minimum(  # longer there
+            beyond[1], np.where(part.goes_on[:, :1], 0.0, np.inf)
+        ),
     )
     ends = [np.where(known, end, 0.0) / SIGMA_END for end in beyond]
     turned = se2.wrap((walls.heading + yaw)[:, :, None] - storey.heading)

@@ -7,13 +7,14 @@ from numpy.typing import NDArray
 
 from data.common.compiled import compiled, compiled_within
 from data.geometry.se2 import Array
-from matching.arrays import Doors, Index, Walls
-from matching.search.hypotheses import groups_of
+from matching.arrays.doors import Doors
+from matching.arrays.walls import Index, Walls
 
 BESIDE = 0.8  # metres between the walls of neighbours: a wall's thickness and its errors
 POINTS = 0.5  # metres between points of a wall
 BEHIND = 1.0  # metres that a room behind a stray wall counts as further away
 MOST_NEIGHBOURS = 6
+CELL = 6.0  # metres, of the parts of a map without rooms
 NO_DOOR = 2.5  # slack between neighbours without a known door
 
 
@@ -33,7 +34,7 @@ class Groups:
 
 def groups(s: Walls, doors: Doors) -> Groups:
     """Returns the groups of a map with at least one wall, given its doors."""
-    of_wall = _of_wall(s)
+    of_wall = rooms_of_walls(s)
     size = np.bincount(of_wall)
     centre = np.stack([np.bincount(of_wall, s.centre[:, k]) / size for k in (0, 1)], axis=-1)
     through = doors.rooms[(doors.rooms >= 0).all(axis=1)]
@@ -43,13 +44,14 @@ def groups(s: Walls, doors: Doors) -> Groups:
     return Groups(of_wall, centre, edges, np.where(by_door, 1.0, NO_DOOR), _hops(edges, steps, len(size)))
 
 
-def _of_wall(s: Walls) -> Index:
-    """Assigns a wall without a room to the nearest room on the side it faces."""
+def rooms_of_walls(s: Walls) -> Index:
+    """(Ns,) the room of each wall: of one without, the nearest on the side that it faces; a map without rooms is cut
+    into cells."""
     stray, with_room = np.flatnonzero(s.room < 0), np.flatnonzero(s.room >= 0)
     if not len(stray):
         return s.room  # each room has a wall
     if not len(with_room):
-        return groups_of(s)
+        return np.asarray(np.unique(np.floor(s.centre / CELL), axis=0, return_inverse=True)[1].reshape(-1))
     size = np.bincount(s.room[with_room], minlength=len(s.rooms))
     sums = [np.bincount(s.room[with_room], s.centre[with_room, k], len(s.rooms)) for k in (0, 1)]
     middle = np.stack([total / size for total in sums], axis=-1)

@@ -107,4 +107,3 @@ class Search:
             self.settings.least_walls, self.settings.restarts, self.clock,
         )  # fmt: skip
         return [AgreeingSet(tuple((int(of_s[i]), int(of_a[j])) for i, j in x.pairs), x.score) for x in found]
-

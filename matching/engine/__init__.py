@@ -1,7 +1,12 @@
-"""Placement of a map that drifts, one SE(2) motion for each room: the default matcher's search and verification."""
+"""Places a map in a plan: from proposed pairs of walls to a verified answer.
 
-from matching.engine.matcher import DeformableMatcher
+The map may drift: each of its rooms has its own SE(2) motion, tied to those of its neighbours.
+"""
+
+from matching.engine.matcher import GeometricMatcher, Proposer, among
 
 __all__ = [
-    "DeformableMatcher",
+    "GeometricMatcher",
+    "Proposer",
+    "among",
 ]

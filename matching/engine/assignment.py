@@ -7,10 +7,9 @@ import numpy as np
 from data.common.compiled import compiled
 from data.geometry.se2 import Array
 from matching.arrays import Index, Walls
-from matching.engine.hypotheses import DeformedHypotheses
-from matching.engine.field_loops import Loops, compared, turns, wall_poses
-from matching.search.assignment import Pairs
 from matching.engine.confidence import room_confidence, surface_confidence
+from matching.engine.field_loops import Loops, compared, turns, wall_poses
+from matching.engine.hypotheses import Hypotheses
 
 SIGMA_ACROSS, SIGMA_TURN, SIGMA_END = 0.12, float(np.radians(3.5)), 0.5  # metres, radians, metres
 UPON = 0.2  # of a wall's own length beside the plan's, from which on it does not matter how much it is
@@ -27,7 +26,15 @@ DOUBT = 0.02  # quality of a wall of no plan
 DOUBT_ROOM = 0.1
 TRIED = 3  # A rooms of each S room
 COMMON = 0.5  # of a piece's length that may lie beside another piece of the same wall; the other may be shorter
-Matches = tuple[tuple[int, int, float], ...]  # indices into S and A, share among what stood to choose
+Matches = tuple[tuple[int, int, float], ...]  # indices into S and A, and a share or a confidence in [0, 1]
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Matches as indices into S and A, with a confidence in [0, 1] given that the placement is right."""
+
+    rooms: Matches
+    surfaces: Matches
 
 
 @dataclass(frozen=True)
@@ -43,7 +50,7 @@ class _Layout:
     placed: Array  # (R, 2) the centroids of S's rooms, in the plan's frame
 
 
-def assign(found: DeformedHypotheses, k: int) -> Pairs:
+def assign(found: Hypotheses, k: int) -> Pairs:
     """Returns the matches of hypothesis k as indices into S's walls and rooms and into those of its storey.
 
     The confidence of a surface pair follows from the share q / (q + q' + 0.02) of its quality q, where q' is that of
@@ -56,13 +63,13 @@ def assign(found: DeformedHypotheses, k: int) -> Pairs:
     return Pairs(matched, tuple((i, j, surface_confidence(c)) for i, j, c in _surfaces(layout, share, rooms)))
 
 
-def assign_rooms(found: DeformedHypotheses, k: int) -> Matches:
+def assign_rooms(found: Hypotheses, k: int) -> Matches:
     """Returns the room matches alone."""
     layout = _layout(found, k)
     return _rooms(layout, _shares(layout))
 
 
-def _layout(found: DeformedHypotheses, k: int) -> _Layout:
+def _layout(found: Hypotheses, k: int) -> _Layout:
     scene, table, storey = found.scene, found.table[k], int(found.fields.storey[k])
     quality, along = _likely(scene.loops, table, found.fields.state[k])
     partner = np.where(table >= 0, table - scene.plan.first[storey], 0)
@@ -107,9 +114,7 @@ def _shares(layout: _Layout) -> Array:
 
 
 @compiled
-def _shared(
-    room: Index, half: Array, a_room: Index, partner: Index, quality: Array, rooms: int, a_rooms: int
-) -> Array:
+def _shared(room: Index, half: Array, a_room: Index, partner: Index, quality: Array, rooms: int, a_rooms: int) -> Array:
     """See `_shares`."""
     share, size = np.zeros((rooms, a_rooms)), np.zeros(rooms)
     for i in range(len(room)):

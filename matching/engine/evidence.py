@@ -1,9 +1,9 @@
 """The log likelihood ratio of a map under a field of motions against chance, in nats.
 
-As `matching.search.evidence` for a rigid placement: each S wall is either a wall of the plan, with a normal deviation
-whose size is marginalised over, or something else; chance is an A wall of its direction at a random place. In addition,
-the walls of an S room belong to one A room, or rarely to two that the map merged; the A rooms' walls and doors should
-be in the map; and the field pays for its deformation between neighbours.
+Each S wall is either a wall of the plan, with a normal deviation whose size is marginalised over, or something else
+(clutter, or a wall that is not in the plan); chance is an A wall of its direction at a random place. The walls of an S
+room belong to one A room, or rarely to two that the map merged; the A rooms' walls and doors should be in the map; and
+the field pays for its deformation between neighbours.
 """
 
 from dataclasses import dataclass
@@ -16,20 +16,18 @@ from data.geometry.se2 import Array
 from matching.arrays import Index
 from matching.engine.door_evidence import door_evidence
 from matching.engine.field import Fields, Judged, Scene, chi2, judge
-from matching.search.evidence import (
-    END_SIGMAS,
-    END_TRUST,
-    ENTERED,
-    LEAST_DENSITY,
-    NOT_IN_PLAN,
-    NOT_IN_PLAN_BOUNDS,
-    SEEN,
-    SEEN_TO_END,
-    SHOWN,
-    SIGMAS,
-)
-from matching.search.scoring import SIGMA_HEADING, SIGMA_SCORE
+from matching.engine.field_loops import SIGMA_HEADING, SIGMA_SCORE
 
+SIGMAS = np.array([0.02, 0.04, 0.07, 0.12])  # metres across, equally likely beforehand
+NOT_IN_PLAN = 0.3  # prior of an S wall, over its length in metres: cupboards are short
+NOT_IN_PLAN_BOUNDS = (0.04, 0.3)
+LEAST_DENSITY = 0.1  # walls per metre; a rare direction must not prove a place
+END_SIGMAS = np.array([0.05, 0.15, 0.4])  # metres along, of the ends of walls
+SEEN_TO_END = 0.6  # the others stop short, or run on where the plan has a corner
+END_TRUST = 0.5  # exponent: two ends of a wall, and the walls that cross there, are not independent
+SEEN = 0.3  # quality of a pair
+SHOWN = 0.8  # metres; shorter walls may well vanish
+ENTERED = 0.6
 MOST_STRAINED = 50.0  # chi^2 of one pair of neighbours: rooms are not torn from one another
 LEAST_HERE, MOST_OFF = 1e-6, 0.8  # pairs that lie less beside each other, or further off (metres), are as good as none
 ELSEWHERE = 0.1  # how likely a wall is that of another A room than its S room's

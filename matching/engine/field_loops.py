@@ -9,7 +9,12 @@ from data.geometry.se2 import Array
 from data.geometry.se2_compiled import wrapped
 from matching.arrays import Index
 from matching.arrays.blocks import Elimination
-from matching.search.scoring import SIGMA_HEADING, SIGMA_SCORE
+
+SAME_DIRECTION = float(np.radians(15))
+SIGMA_SCORE = 0.15  # metres across, of the final judgement
+SIGMA_HEADING = float(np.radians(5))
+SIGMA_ALONG = 0.4  # metres; the ends of walls are seen badly
+FAR = 9.0  # deviations: what is further off is as good as none
 
 
 class Loops(NamedTuple):

@@ -8,8 +8,8 @@ from data.geometry.se2_compiled import wrapped
 from matching.arrays import Index
 from matching.engine.field import Fields, Scene
 from matching.engine.field_loops import Loops, turns, wall_poses
-from matching.search.hypotheses import DISTINCT_M, DISTINCT_RAD
 
+DISTINCT_M, DISTINCT_RAD = 0.5, float(np.radians(5))
 LEAST_WEIGHT = 1e-6  # of a wall that is not explained
 
 

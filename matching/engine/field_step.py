@@ -13,8 +13,7 @@ from data.geometry.se2_compiled import wrapped
 from matching.arrays import Index
 from matching.arrays.blocks import solve
 from matching.engine.field import Scene
-from matching.engine.field_loops import Loops, best_pair, compared, sharpness, strained, turns, wall_poses
-from matching.search.scoring import SIGMA_ALONG
+from matching.engine.field_loops import SIGMA_ALONG, Loops, best_pair, compared, sharpness, strained, turns, wall_poses
 
 ROBUST = 3.0  # deviations of a step beyond which neighbours are weighted down
 HELD = np.array([np.radians(10), 1.0, 1.0])  # damping: limits the size of a step
@@ -57,9 +56,7 @@ def stepped(m: Loops, table: Index, state: Array, sigma: Array) -> None:
 
 
 @compiled
-def _pull_of_walls(
-    m: Loops, table: Index, state: Array, turn: Array, sigma: Array, own: Array, right: Array
-) -> None:
+def _pull_of_walls(m: Loops, table: Index, state: Array, turn: Array, sigma: Array, own: Array, right: Array) -> None:
     """Adds the information of each wall and its best partner to `own` (G, 3, 3), lower triangles, and its gradient
     to `right` (G, 3).
     """
@@ -91,9 +88,7 @@ def _pull_of_walls(
 
 
 @compiled
-def _pull_of_neighbours(
-    m: Loops, state: Array, turn: Array, own: Array, between: Array, right: Array
-) -> None:
+def _pull_of_neighbours(m: Loops, state: Array, turn: Array, own: Array, between: Array, right: Array) -> None:
     """Adds the information of neighbours, and writes that of the two ends of each edge with each other.
 
     The Jacobian of the residual with respect to an end's motion is +-(1 0 0, -y 1 0, x 0 1) with the end's arm (x, y).

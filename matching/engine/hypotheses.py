@@ -17,18 +17,18 @@ from data.geometry.se2 import Array
 from data.scene_graph import SceneGraph
 from matching.arrays import Index, arrays
 from matching.arrays.doors import doors
+from matching.arrays.groups import groups
+from matching.arrays.walls import between_graphs
 from matching.engine.alternatives import alternative_placements
 from matching.engine.evidence import Chance, evidence
 from matching.engine.field import Fields, Scene, explained, motions
+from matching.engine.field_loops import SIGMA_SCORE
 from matching.engine.field_rigid import distinct, rigid
 from matching.engine.guided_field import GuidedFields, advance, guided
 from matching.engine.local_motions import local_motions, seeds
 from matching.engine.local_restarts import restart_locally
-from matching.search import TopK
-from matching.arrays.groups import groups
-from matching.search.hypotheses import between_graphs
 from matching.engine.plan_walls import PlanWalls
-from matching.search.scoring import SIGMA_SCORE
+from matching.search import TopK
 
 SIGMAS = np.array([0.35, 0.25, 0.18, 0.13])  # metres across; decreasing as a group's walls settle
 LAST_SIGMAS = np.array([0.25, 0.18, 0.13, 0.13])
@@ -42,7 +42,7 @@ MOST_STEPS = 30  # of growth; larger maps grow by several rooms a step
 
 
 @dataclass(frozen=True)
-class DeformedHypotheses:
+class Hypotheses:
     """K distinct hypotheses, best first.
 
     `fields` are the motions of the map's groups, `table` (K, Ns, P) the candidate A walls of each S wall, -1 for none.
@@ -83,7 +83,7 @@ def scene_of(s: SceneGraph, plan: PlanWalls) -> Scene:
     return Scene(walls, groups(walls, own), plan, own)
 
 
-def search(scene: Scene, proposals: TopK, allowed: Callable[[Array], bool] | None = None) -> DeformedHypotheses:
+def search(scene: Scene, proposals: TopK, allowed: Callable[[Array], bool] | None = None) -> Hypotheses:
     """Returns distinct hypotheses, best first; none if the proposals agree on no motion.
 
     `proposals` are those of the map's walls for the walls of all storeys, one storey after the other. `allowed` says
@@ -94,7 +94,7 @@ def search(scene: Scene, proposals: TopK, allowed: Callable[[Array], bool] | Non
     fields, sure = seeds(scene, local_motions(scene, proposals), fewest, most)
     fields, sure = _allowed(scene, fields, sure, allowed)
     if not len(fields):
-        return DeformedHypotheses(
+        return Hypotheses(
             scene, fields, np.zeros((0, len(s), 0), dtype=np.int64), np.zeros(0), np.zeros(0), np.zeros((0, 3))
         )
     grown = grow(scene, fields, sure)
@@ -160,26 +160,26 @@ def polished(scene: Scene, begin: GuidedFields, sigmas: Array) -> GuidedFields:
     return advance(scene, begin, every)
 
 
-def _scored(scene: Scene, grown: GuidedFields, chance: Chance) -> DeformedHypotheses:
+def _scored(scene: Scene, grown: GuidedFields, chance: Chance) -> Hypotheses:
     fields, table = grown.fields, grown.table
     score, conservative = evidence(scene, fields, table, chance)
     near = rigid(scene, fields, explained(scene, table, fields.state, SIGMA_SCORE))
     order = np.argsort(-score, kind="stable")
-    found = DeformedHypotheses(scene, fields[order], table[order], score[order], conservative[order], near[order])
+    found = Hypotheses(scene, fields[order], table[order], score[order], conservative[order], near[order])
     return _chosen(found, distinct(found.fields.storey, found.rigid))
 
 
-def _chosen(found: DeformedHypotheses, chosen: Index) -> DeformedHypotheses:
+def _chosen(found: Hypotheses, chosen: Index) -> Hypotheses:
     scores = found.score[chosen], found.conservative[chosen]
-    return DeformedHypotheses(found.scene, found.fields[chosen], found.table[chosen], *scores, found.rigid[chosen])
+    return Hypotheses(found.scene, found.fields[chosen], found.table[chosen], *scores, found.rigid[chosen])
 
 
-def _merged(one: DeformedHypotheses, other: DeformedHypotheses) -> DeformedHypotheses:
+def _merged(one: Hypotheses, other: Hypotheses) -> Hypotheses:
     storey = np.concatenate((one.fields.storey, other.fields.storey))
     state = np.concatenate((one.fields.state, other.fields.state))
     score = np.concatenate((one.score, other.score))
     order = np.argsort(-score, kind="stable")
-    both = DeformedHypotheses(
+    both = Hypotheses(
         one.scene, Fields(storey, state)[order], np.concatenate((one.table, other.table))[order], score[order],
         np.concatenate((one.conservative, other.conservative))[order], np.concatenate((one.rigid, other.rigid))[order],
     )  # fmt: skip

@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 from data.geometry.se2 import Array
 from matching.arrays import Index
 from matching.engine.field import Fields, Scene, chi2, explained
+from matching.engine.field_loops import SIGMA_SCORE
 from matching.engine.field_step import step
-from matching.search.scoring import SIGMA_SCORE
 
 ASIDE = 0.45  # metres, along both axes of the plan, both ways
 SIGMAS = (0.25, 0.18, 0.13)

@@ -1,6 +1,7 @@
-"""`DeformableMatcher`: places a map by a field of motions, starting from the proposals of any source."""
+"""`GeometricMatcher`: places a map by a field of motions, starting from the proposals of any source."""
 
 import time
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -8,18 +9,19 @@ import numpy as np
 from data.scene_graph import SceneGraph
 from matching.arrays import PlanCache
 from matching.engine.assignment import assign, assign_rooms
-from matching.engine.hypotheses import DeformedHypotheses, scene_of, search
+from matching.engine.field import Scene
+from matching.engine.hypotheses import Hypotheses, scene_of, search
+from matching.engine.plan_walls import PlanWalls
 from matching.engine.verdict import verify
 from matching.result import Hypothesis, MatchResult
 from matching.search import Start, TopK, near_start
-from matching.engine.plan_walls import PlanWalls
-from matching.search.proposals import Proposer
 
 LISTED = 10  # hypotheses in the result, at most
 FEW = 32  # walls of a map
+Proposer = Callable[[SceneGraph, SceneGraph, Scene], TopK]  # of a map, a plan and both as arrays: walls of `scene.plan`
 
 
-class DeformableMatcher:
+class GeometricMatcher:
     """Implements `Matcher.match` for any source of proposed pairs; the map may deform from room to room.
 
     `others` is a second proposer, used as well for a map with few walls, since a single room may mislead the first one
@@ -42,19 +44,16 @@ class DeformableMatcher:
         scene = scene_of(s, plan)
         allowed = None if start is None else partial(near_start, start)
 
-        def proposed(proposer: Proposer) -> TopK:
-            return among(proposer(s, a, scene.s).walls, plan)
-
-        proposals, others = proposed(self._propose), self._others
+        proposals, others = self._propose(s, a, scene), self._others
         if others is not None and len(s.wall_surfaces) <= FEW:
-            proposals, others = together(proposals, proposed(others)), None
+            proposals, others = together(proposals, others(s, a, scene)), None
         match = _answered(search(scene, proposals, allowed), began, start)
         if match.status == "none" and others is not None:
-            match = _answered(search(scene, together(proposals, proposed(others)), allowed), began, start)
+            match = _answered(search(scene, together(proposals, others(s, a, scene)), allowed), began, start)
         return match
 
 
-def _answered(found: DeformedHypotheses, began: float, start: Start | None) -> MatchResult:
+def _answered(found: Hypotheses, began: float, start: Start | None) -> MatchResult:
     """The result of hypotheses, best first; of none as well."""
     if len(found):
         return answer(found, began)
@@ -75,12 +74,12 @@ def together(one: TopK, other: TopK) -> TopK:
 
 
 def among(proposals: TopK, plan: PlanWalls) -> TopK:
-    """Converts proposals for a plan's surfaces to those for the walls of its storeys, one storey after the other."""
+    """Converts proposals for a plan's surfaces, in the order of the graph, to those for the walls of `PlanWalls`."""
     partner = plan.row[proposals.partner]
     return TopK(partner, np.where(partner >= 0, proposals.score, 0.0))
 
 
-def answer(found: DeformedHypotheses, began: float) -> MatchResult:
+def answer(found: Hypotheses, began: float) -> MatchResult:
     """Returns the result of hypotheses, best first; at least one."""
     s = found.scene.s
     pairs = assign(found, 0)
@@ -102,6 +101,6 @@ def answer(found: DeformedHypotheses, began: float) -> MatchResult:
     )  # fmt: skip
 
 
-def _triple(found: DeformedHypotheses, k: int) -> tuple[float, float, float]:
+def _triple(found: Hypotheses, k: int) -> tuple[float, float, float]:
     yaw, x, y = found.between_graphs[k].tolist()
     return yaw, x, y

@@ -10,8 +10,7 @@ from data.geometry.se2 import Array
 from data.scene_graph import SceneGraph
 from matching.arrays import Doors, Index, Walls, storeys
 from matching.arrays.doors import doors
-from matching.engine.corners import corners
-from matching.engine.votes import Marks
+from matching.engine.corners import Marks, corners
 
 DIRECTION = 15  # degrees
 

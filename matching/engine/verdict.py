@@ -5,14 +5,19 @@ odds were fitted by logistic regression to 3,000 maps of 1 to 9 rooms (`real`, `
 of generated buildings, matched with their own plans and with others.
 """
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
-from matching.engine.hypotheses import DeformedHypotheses
+from matching.engine.assignment import Pairs
 from matching.engine.field import judge
-from matching.search.assignment import Pairs
-from matching.search.scoring import SIGMA_SCORE
-from matching.search.verification import LEAST_SURFACES, PLACES_PER_M2, Verdict, matched, places_named, unexplained
+from matching.engine.field_loops import SIGMA_SCORE
+from matching.engine.hypotheses import Hypotheses
+from matching.result import Status
 
+LEAST_SURFACES = 5
+PLACES_PER_M2 = 40.0  # that a vote can separate: four directions of the grid, a third of a metre
 LEAST_MARGIN = float(np.log(199))  # nats over the runner-up: 99.5 % sure between the two
 DOUBT = 0.6  # nats more for each unexplained wall: at another place as much may differ from the plan
 OFFSET, SCORE, MARGIN, MISSED, PLACES = 5.68, 0.254, 0.147, -1.736, -0.656  # of the log odds, see `odds`
@@ -24,7 +29,16 @@ WALLS = (15, 30)  # and of one of many; a deformed mirror image often reaches le
 OF_MISSED = 2.0  # nats that a wall costs which is not explained, about
 
 
-def verify(found: DeformedHypotheses, pairs: Pairs) -> Verdict:
+@dataclass(frozen=True)
+class Verdict:
+    """The status with its reason; `probability` is that of the best placement."""
+
+    status: Status
+    reason: str
+    probability: float
+
+
+def verify(found: Hypotheses, pairs: Pairs) -> Verdict:
     """Returns the verdict on hypotheses, best first, at least one; `pairs` are the matches of the first."""
     s, plan = found.scene.s, found.scene.plan
     own = matched(pairs, len(s))
@@ -48,7 +62,7 @@ def verify(found: DeformedHypotheses, pairs: Pairs) -> Verdict:
     return Verdict("unique", f"{own}; no other place explains the map nearly as well", probability)
 
 
-def odds(found: DeformedHypotheses, fraction: float) -> float:
+def odds(found: Hypotheses, fraction: float) -> float:
     """Returns the log odds that the map is in the plan, which explains a fraction of its walls.
 
     They rise with the evidence with conservative ends and with the margin over wrong places (places as good as the best
@@ -59,3 +73,23 @@ def odds(found: DeformedHypotheses, fraction: float) -> float:
     margin = min(walls, *(conservative[0] - conservative[conservative <= conservative[0] - LEAST_MARGIN]), np.inf)
     missed = min((1 - fraction) * walls, MOST_MISSED)
     return float(OFFSET + SCORE * conservative[0] + MARGIN * margin + MISSED * missed + PLACES * places)
+
+
+def unexplained(fraction: float, least: float) -> str:
+    """The reason where the plan explains too small a fraction of the map."""
+    share = f"{100 * fraction:.0f} % of its walls' length at the best place"
+    return f"the plan does not explain the map: {share}, of at least {100 * least:.0f} % needed"
+
+
+def matched(pairs: Pairs, walls: int) -> str:
+    """How many of the map's `walls` and rooms have a match."""
+    rooms = len(pairs.rooms)
+    return f"{len(pairs.surfaces)} of {walls} wall surfaces and {rooms} {'room' if rooms == 1 else 'rooms'} matched"
+
+
+def places_named(floors: Sequence[str]) -> str:
+    """Places, each on one of `floors`: how many, and on how many storeys."""
+    distinct = len(set(floors))
+    if distinct == 1:
+        return f"{len(floors)} places"
+    return f"{distinct} storeys" if distinct == len(floors) else f"{len(floors)} places on {distinct} storeys"

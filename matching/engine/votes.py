@@ -1,12 +1,8 @@
-"""Wall corners vote for the motion that aligns one storey's walls with another's (generalised Hough transform).
+"""Wall corners vote for the motions that align walls with those of a storey (generalised Hough transform).
 
-A corner is two walls that meet: their crossing, the direction between their normals, the angle between them and which
-way they extend. A pair of similar corners determines a proper SE(2) motion. Votes are gathered in yaw first, then in
-the plane, after D. H. Ballard, "Generalizing the Hough transform to detect arbitrary shapes", Pattern Recognition 13
-(1981).
+A pair of similar corners determines a proper SE(2) motion. Votes are gathered in yaw first, then in the plane, after
+D. H. Ballard, "Generalizing the Hough transform to detect arbitrary shapes", Pattern Recognition 13 (1981).
 """
-
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,82 +10,78 @@ from data.common.compiled import compiled, compiled_within
 from data.geometry.se2 import Array
 from data.geometry.se2_compiled import wrapped
 from matching.arrays import Index, Walls
-from matching.arrays.walls import crossings
+from matching.engine.corners import Marks
+from matching.engine.field_loops import FAR, SAME_DIRECTION, SIGMA_HEADING, of_direction, off_lines
+from matching.engine.plan_walls import PlanWalls
 
-REACH = 1.0  # metres from a wall's end to the crossing
 OPENING = float(np.radians(12))  # like corners differ by less
 YAW_BIN = float(np.radians(2))
 YAW_MODES = 16
 PLACE_BIN = 0.3  # metres
-FEW_CORNERS = 4
 DIGIT_BITS, DIGIT = 9, 512
 
 
-@dataclass(frozen=True)
-class Marks:
-    """Voting features: (M, 2) points, (M,) headings, openings and kinds. Marks of different kinds never match."""
-
-    point: Array
-    heading: Array
-    opening: Array
-    kind: Index
-
-    def __len__(self) -> int:
-        return len(self.point)
-
-    def __getitem__(self, chosen: slice) -> "Marks":
-        return Marks(self.point[chosen], self.heading[chosen], self.opening[chosen], self.kind[chosen])
-
-
-@dataclass(frozen=True)
-class Candidates:
-    """(K, 3) motions T_a_s between own frames that share one yaw mode, most votes first."""
-
-    yaw: float
-    motions: Array
-
-
-def candidates(s: Walls, a: Walls) -> list[Candidates]:
-    """Returns motions that align S's corners with A's, by yaw modes; empty if nothing is similar."""
-    s_marks, a_marks = marks(s), marks(a)
-    if len(s_marks.point) < FEW_CORNERS or not len(a_marks.point):
-        s_marks, a_marks = marks(s, scarce=True), marks(a, scarce=True)
-    # Small maps are cheap to try, and their true place stands out less.
-    return vote(s_marks, a_marks, int(np.clip(1600 / len(s), 15, 150)))
-
-
-def marks(walls: Walls, scarce: bool = False) -> Marks:
-    """Returns the corners of a storey; if they are `scarce`, also distant crossings and wall ends."""
-    along, turn = crossings(walls.centre, walls.heading)
-    gap = np.abs(np.abs(along) - walls.half[:, None])
-    one_room = walls.room[:, None] == walls.room[None, :]
-    unknown = (walls.room < 0)[:, None] | (walls.room < 0)[None, :]
-    near = (gap < (8 * REACH if scarce else REACH)) & (one_room | unknown)
-    i, j = np.nonzero(near & near.T & (turn > 0))  # ordered, so that a corner has one heading
-    point = walls.centre[i] + along[i, j, None] * walls.tangent[i]
-    # Which way the two walls extend from the crossing separates a room's corner from a pillar's.
-    kind = 2 * (along[i, j] > 0) + (along[j, i] > 0)
-    corners = Marks(point, walls.heading[i] + turn[i, j] / 2, turn[i, j], kind.astype(np.int64))
-    return _with_ends(corners, walls) if scarce else corners
-
-
-def _with_ends(corners: Marks, walls: Walls) -> Marks:
-    arm = walls.half[:, None] * walls.tangent
-    n = len(walls)
-    return Marks(
-        np.concatenate((corners.point, walls.centre + arm, walls.centre - arm)),
-        np.concatenate((corners.heading, walls.heading, walls.heading)),
-        np.concatenate((corners.opening, np.zeros(2 * n))),
-        np.concatenate((corners.kind, np.full(n, 4), np.full(n, 5))),
-    )
-
-
-def vote(s: Marks, a: Marks, most: int) -> list[Candidates]:
-    """Returns candidate motions from S to A, at most `most` for each yaw mode; empty if nothing is similar."""
+def vote(s: Marks, a: Marks, most: int) -> Array:
+    """Returns (K, 3) candidate motions (yaw, x, y) from S to A, at most `most` for each yaw mode; none if nothing is
+    similar.
+    """
     i, j, yaw = _alike(s.kind, s.opening, s.heading, a.kind, a.opening, a.heading)
     if not len(i):
-        return []
-    return [Candidates(mode, _motions(mode, yaw, i, j, s.point, a.point, most)) for mode in _yaw_modes(yaw)]
+        return np.zeros((0, 3))
+    return np.concatenate([_motions(mode, yaw, i, j, s.point, a.point, most) for mode in _yaw_modes(yaw)])
+
+
+def aligned(walls: Walls, plan: PlanWalls, storey: int, motions: Array, sigma: float, least: float = 0.0) -> Array:
+    """(K,) the share of the walls' weight that motions (K, 3) between own frames align with a storey's; `sigma` in
+    metres across. 0 where it is below `least`.
+    """
+    _, headings, lines = plan.by_heading
+    stretch = int(plan.first[storey]), int(plan.first[storey + 1])
+    weight = walls.weight / walls.weight.sum()
+    own = np.column_stack((walls.half, walls.heading))
+    return np.asarray(_aligned(own, walls.centre, weight, headings, lines, stretch, motions, sigma, least))
+
+
+@compiled
+def _aligned(
+    own: Array,
+    centre: Array,
+    weight: Array,
+    headings: Array,
+    lines: Array,
+    storey: tuple[int, int],
+    motions: Array,
+    sigma: float,
+    least: float,
+) -> Array:
+    """See `aligned`; lines (6, N) are sorted by heading within each storey."""
+    total, off = np.zeros(len(motions)), np.empty(storey[1] - storey[0])
+    for k in range(len(motions)):
+        yaw, shift_x, shift_y = motions[k]
+        cos, sin, left = np.cos(yaw), np.sin(yaw), 1.0
+        for i in range(len(own)):
+            if total[k] + left < least:
+                total[k] = 0.0
+                break
+            half, heading, best, span = own[i, 0], wrapped(own[i, 1] + yaw), 0.0, 1.6 * min(own[i, 0], 4.0)
+            x, y = cos * centre[i, 0] - sin * centre[i, 1] + shift_x, sin * centre[i, 0] + cos * centre[i, 1] + shift_y
+            stretch = of_direction(headings, storey[0], storey[1], heading, SAME_DIRECTION)
+            for first, last in (stretch[:2], stretch[2:]):
+                off_lines(lines, first, last, x, y, off)
+                for n in range(first, last):
+                    across = off[n - first]
+                    if across >= FAR * sigma:
+                        continue
+                    along = abs(lines[2, n] * y - lines[3, n] * x - lines[5, n])
+                    common = min(half + lines[0, n] - along, 2 * min(half, lines[0, n]))
+                    beside = min(common / span, 1.0)
+                    if beside > best:
+                        turned = wrapped(heading - lines[1, n])
+                        strange = (0.5 / sigma**2) * across**2 + (0.5 / SIGMA_HEADING**2) * turned**2
+                        best = max(best, beside * np.exp(-strange))
+            total[k] += weight[i] * best
+            left -= weight[i]
+    return total
 
 
 @compiled

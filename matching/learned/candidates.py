@@ -49,9 +49,7 @@ class Choice(NamedTuple):
 
 
 @compiled
-def tables(
-    s: Vectors, a: Vectors, s_room: Index, a_room: Index, sharpness: Array32
-) -> tuple[Array32, Array32]:
+def tables(s: Vectors, a: Vectors, s_room: Index, a_room: Index, sharpness: Array32) -> tuple[Array32, Array32]:
     """(N, A walls + 1) and (M, A rooms + 1) log odds from the vectors; those of walls also use their rooms."""
     rooms = np.empty((len(s.rooms), len(a.rooms) + 1), dtype=np.float32)
     room_odds = np.zeros_like(rooms)

@@ -131,9 +131,7 @@ def support(s: WallRows, a: WallRows, column: Index, w: ConsensusWeights) -> Com
 
 
 @compiled
-def features(
-    s: WallRows, a: WallRows, c: Choice, likely: Array32, whole: Array32, rooms: Array32
-) -> Array32:
+def features(s: WallRows, a: WallRows, c: Choice, likely: Array32, whole: Array32, rooms: Array32) -> Array32:
     """(N K, PAIR_SIZE) features of each candidate: its own, those of its competitors, and the agreement of the
     `whole` map.
     """

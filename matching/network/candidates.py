@@ -92,9 +92,7 @@ def expanded(
     return _candidates(dense, batched, torch.cat((known.column, added), dim=-1), begins)
 
 
-def _votes(
-    s: GraphTensors, a: GraphTensors, known: Candidates, likely: Tensor
-) -> tuple[Tensor, Tensor, Tensor]:
+def _votes(s: GraphTensors, a: GraphTensors, known: Candidates, likely: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """(E,) S walls i, A walls near the partners of i's neighbours, and the weight of each vote."""
     near_s, near_a = wall_neighbours(s), wall_neighbours(a)
     near_a = torch.cat((torch.arange(len(near_a), device=near_a.device)[:, None], near_a), dim=-1)  # seen in pieces

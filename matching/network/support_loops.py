@@ -175,9 +175,7 @@ def _left(
 @compiled
 def alike(own: Array32, their: Array32) -> np.float32:
     """The similarity in [0, 1] of two walls of S and two of A, as `relations.close`; (2, 5) poses and half lengths."""
-    in_s = _related(
-        own[1, 0] - own[0, 0], own[1, 1] - own[0, 1], own[0, 2], own[0, 3], own[1, 2], own[1, 3]
-    )
+    in_s = _related(own[1, 0] - own[0, 0], own[1, 1] - own[0, 1], own[0, 2], own[0, 3], own[1, 2], own[1, 3])
     in_a = _related(
         their[1, 0] - their[0, 0], their[1, 1] - their[0, 1], their[0, 2], their[0, 3], their[1, 2], their[1, 3]
     )

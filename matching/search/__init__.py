@@ -1,4 +1,4 @@
-"""Rigid placement of a map in a plan, the matcher `voting`: proposals, evidence, verification, assignment."""
+"""What all matchers share: proposals, a rough start, and the motion that fits matched walls."""
 
 from matching.search.proposals import Proposals, TopK
 from matching.search.rigid_fit import fit_pairs

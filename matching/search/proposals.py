@@ -1,6 +1,5 @@
 """Proposed matches of single nodes: how likely an S surface is an A surface, and an S room an A room."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,8 +8,7 @@ from numpy.typing import NDArray
 
 from data.common.errors import UserError
 from data.geometry.se2 import Array
-from data.scene_graph import SceneGraph
-from matching.arrays import Index, Walls
+from matching.arrays import Index
 
 MOST = 8  # proposals that are kept of one S surface or room
 
@@ -51,6 +49,3 @@ class Proposals:
         probabilities.
         """
         return Proposals(TopK.of_dense(walls), TopK.of_dense(rooms))
-
-
-Proposer = Callable[[SceneGraph, SceneGraph, Walls], Proposals]  # of a map, a plan, and the map's wall surfaces

@@ -13,9 +13,9 @@ from data.synthetic_maps.noise_models import DrawnGraph, draw
 from matching import MatchResult
 from matching.arrays import Walls
 from matching.engine import DeformableMatcher
+from matching.engine.voting_proposals import voting_proposals
 from matching.search import Proposals
 from matching.search.proposals import Proposer
-from matching.engine.voting_proposals import voting_proposals
 
 MATCHER = matcher(VOTED)
 PLAN = a_graph(flat(np.random.default_rng(3)), "ground")

@@ -15,13 +15,13 @@ from data import SceneGraph
 from matching.arrays import arrays, storeys
 from matching.engine import deformed_hypotheses as bent
 from matching.engine import verification as deformed
-from matching.engine.matcher import among
-from matching.search import verification as rigid
-from matching.search.assignment import Pairs
 from matching.engine.confidence import place_probability, room_confidence, surface_confidence
-from matching.search.hypotheses import Placement, search
+from matching.engine.matcher import among
 from matching.engine.plan_walls import PlanWalls
 from matching.engine.voting_proposals import voting_proposals
+from matching.search import verification as rigid
+from matching.search.assignment import Pairs
+from matching.search.hypotheses import Placement, search
 
 SEEN = moved(as_map(SMALL), 1.0, 2.0, 3.0)
 WALLS = len(SEEN.wall_surfaces)
