@@ -32,9 +32,9 @@ class Groups:
         return len(self.centre)
 
 
-def groups(s: Walls, doors: Doors) -> Groups:
-    """Returns the groups of a map with at least one wall, given its doors."""
-    of_wall = rooms_of_walls(s)
+def groups(s: Walls, doors: Doors, rigid: bool = False) -> Groups:
+    """Returns the groups of a map with at least one wall, given its doors: its rooms, or one if it is `rigid`."""
+    of_wall = np.zeros(len(s), dtype=np.int64) if rigid else rooms_of_walls(s)
     size = np.bincount(of_wall)
     centre = np.stack([np.bincount(of_wall, s.centre[:, k]) / size for k in (0, 1)], axis=-1)
     through = doors.rooms[(doors.rooms >= 0).all(axis=1)]

@@ -49,6 +49,19 @@ class _Homes:
 
 
 @dataclass(frozen=True)
+class Noise:
+    """What is known of a map's noise: its `sigmas` in metres across, and rows as those of `ENDS`, all combinations of
+    them equally likely.
+    """
+
+    sigmas: Array
+    ends: Array
+
+
+UNKNOWN, CONSERVATIVE = Noise(SIGMAS, ENDS), Noise(SIGMAS, CONSERVATIVE_ENDS)
+
+
+@dataclass(frozen=True)
 class Chance:
     """The storey and building whose walls define chance, the same for all fields of a scene.
 
@@ -68,7 +81,7 @@ class Chance:
         return Chance(storey, int(explained.argmax()))
 
 
-def evidence(scene: Scene, fields: Fields, table: Index, chance: Chance) -> tuple[Array, Array]:
+def evidence(scene: Scene, fields: Fields, table: Index, chance: Chance, noise: Noise = UNKNOWN) -> tuple[Array, Array]:
     """(K,) nats, comparable between all fields of a scene, and (K,) the same with conservative ends.
 
     `ENDS` separate similar places; `CONSERVATIVE_ENDS` give less weight to ends that agree, which also happens by
@@ -76,7 +89,7 @@ def evidence(scene: Scene, fields: Fields, table: Index, chance: Chance) -> tupl
     """
     now = judge(scene, table, fields.state, SIGMA_SCORE)
     homes = _homes(scene, table, now.quality)
-    walls, conservative = _of_walls(scene, fields, table, now, homes, chance)
+    walls, conservative = (_of_walls(scene, fields, table, now, homes, chance, of) for of in (noise, CONSERVATIVE))
     seen = []
     for k, storey in enumerate(fields.storey.tolist()):
         a, first = scene.plan.storeys[storey], int(scene.plan.first[storey])
@@ -123,29 +136,27 @@ def _homes_of(
 
 
 def _of_walls(
-    scene: Scene, fields: Fields, table: Index, now: Judged, homes: _Homes, chance: Chance
-) -> tuple[Array, Array]:
-    """(K,) nats of all S walls with `ENDS` and with `CONSERVATIVE_ENDS`, marginalised over precisions."""
+    scene: Scene, fields: Fields, table: Index, now: Judged, homes: _Homes, chance: Chance, noise: Noise
+) -> Array:
+    """(K,) nats of all S walls, marginalised over the noise."""
     s, plan = scene.s, scene.plan
     met = _met(scene, fields, chance)
     nats = _nats(
         s.half, s.known, s.room, plan.half, plan.known, plan.room, table, now.beside, now.across, now.along,
-        now.turned, met, homes.first, homes.second, np.concatenate((ENDS, CONSERVATIVE_ENDS)),
-    ).reshape(len(table), len(SIGMAS), -1)  # fmt: skip
-    each = nats[:, :, : len(ENDS)], nats[:, :, len(ENDS) :]
-    nats, conservative = (np.logaddexp.reduce(n, axis=(1, 2)) - np.log(n.shape[1] * n.shape[2]) for n in each)
-    return nats, conservative
+        now.turned, met, homes.first, homes.second, noise.sigmas, noise.ends,
+    )  # fmt: skip
+    return np.asarray(np.logaddexp.reduce(nats, axis=1) - np.log(nats.shape[1]))
 
 
 @compiled
 def _nats(
     half: Array, known: NDArray[np.bool_], room: Index, a_half: Array, a_known: NDArray[np.bool_], a_room: Index,
     table: Index, beside: Array, across: Array, along: Array, turned: Array, met: Array, first: Index, second: Index,
-    ends: Array,
+    sigmas: Array, ends: Array,
 ) -> Array:  # fmt: skip
     """(K, precisions) nats of all S walls, room by room; a room's walls are those of one A room or of two."""
     fields, walls, width = table.shape
-    precisions = len(SIGMAS) * len(ends)
+    precisions = len(sigmas) * len(ends)
     total, density = np.zeros((fields, precisions)), np.empty(precisions)
     for k in range(fields):
         rooms, best = np.zeros((2, first.shape[1], precisions)), np.empty((2, precisions))
@@ -157,7 +168,9 @@ def _nats(
                 if here <= LEAST_HERE or abs(across[k, i, p]) >= MOST_OFF:
                     continue
                 j = table[k, i, p]
-                _measured(across[k, i, p], along[k, i, p], half[i], a_half[j], known[i] and a_known[j], ends, density)
+                _measured(
+                    across[k, i, p], along[k, i, p], half[i], a_half[j], known[i] and a_known[j], sigmas, ends, density
+                )
                 free = one < 0 or a_room[j] < 0 or a_room[j] == one
                 in_one, in_two = 1.0 if free else ELSEWHERE, 1.0 if free or a_room[j] == two else ELSEWHERE
                 for n in range(precisions):
@@ -181,7 +194,7 @@ def _nats(
 
 @compiled
 def _measured(
-    across: float, along: float, half: float, a_half: float, known: bool, ends: Array, density: Array
+    across: float, along: float, half: float, a_half: float, known: bool, sigmas: Array, ends: Array, density: Array
 ) -> None:
     """Writes (precisions,) the density of a wall's offset from a line of the plan, times that of its ends if
     lengths are known.
@@ -195,8 +208,8 @@ def _measured(
                 both *= seen * _normal(gap, sigma) * max(2 * a_half, 1.0) + (short if gap < 0 else beyond)
             both = both if trust == 1 else both**trust
         density[e :: len(ends)] = both
-    for n in range(len(SIGMAS)):
-        normal = _normal(across, SIGMAS[n])
+    for n in range(len(sigmas)):
+        normal = _normal(across, sigmas[n])
         for e in range(len(ends)):
             density[n * len(ends) + e] *= normal
 

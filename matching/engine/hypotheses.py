@@ -76,11 +76,11 @@ class Hypotheses:
         return se2.apply(own, se2.apply(moved, se2.apply(se2.inverse(s.T_graph_own), s.room_centroids)))
 
 
-def scene_of(s: SceneGraph, plan: PlanWalls) -> Scene:
-    """Returns the scene of a map with at least one wall surface and a plan."""
+def scene_of(s: SceneGraph, plan: PlanWalls, rigid: bool = False) -> Scene:
+    """Returns the scene of a map with at least one wall surface and a plan; a `rigid` map moves as one."""
     walls = arrays(s, None, list(s.wall_surfaces))
     own = doors(s, walls)
-    return Scene(walls, groups(walls, own), plan, own)
+    return Scene(walls, groups(walls, own, rigid), plan, own)
 
 
 def search(scene: Scene, proposals: TopK, allowed: Callable[[Array], bool] | None = None) -> Hypotheses:
