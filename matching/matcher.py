@@ -107,13 +107,10 @@ def _voting() -> Method:
 
 def _learned(weights: Path | str | None) -> Method:
     from matching.engine import GeometricMatcher, among
-    from matching.engine.voting_proposals import voting_proposals
     from matching.learned import LearnedProposer
 
     network = LearnedProposer.load(weights)
-    return GeometricMatcher(
-        lambda s, a, scene: among(network.propose(s, a, scene.s).walls, scene.plan), voting_proposals
-    )
+    return GeometricMatcher(lambda s, a, scene: among(network.propose(s, a, scene.s).walls, scene.plan))
 
 
 def _paper(weights: Path | str | None) -> Method:

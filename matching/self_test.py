@@ -2,13 +2,9 @@
 
 from pathlib import Path
 
-import numpy as np
-
 from data.common.compiling import once_on_two_cores
 from data.scene_graph import Door, Room, SceneGraph, WallSurface
-from matching.arrays import Walls
 from matching.matcher import Matcher
-from matching.search import Proposals, TopK
 
 
 def work() -> None:
@@ -37,14 +33,8 @@ def propose() -> None:
 
 
 def search() -> None:
-    """Compiles the other half: without proposals, all steps of placing and verification run."""
-    from matching.engine import DeformableMatcher
-    from matching.engine.voting_proposals import voting_proposals
-
-    def nothing(s: SceneGraph, a: SceneGraph, known: Walls) -> Proposals:
-        return Proposals(*(TopK(np.zeros((n, 0), dtype=np.int64), np.zeros((n, 0))) for n in (len(s.wall_surfaces), 0)))
-
-    DeformableMatcher(nothing, voting_proposals).match(three_rooms(), three_rooms())
+    """Compiles the other half."""
+    Matcher.load("voting").match(three_rooms(), three_rooms())
 
 
 def three_rooms() -> SceneGraph:

@@ -17,20 +17,14 @@ from matching.result import Hypothesis, MatchResult
 from matching.search import Start, TopK, near_start
 
 LISTED = 10  # hypotheses in the result, at most
-FEW = 32  # walls of a map
 Proposer = Callable[[SceneGraph, SceneGraph, Scene], TopK]  # of a map, a plan and both as arrays: walls of `scene.plan`
 
 
 class GeometricMatcher:
-    """Implements `Matcher.match` for any source of proposed pairs; the map may deform from room to room.
+    """Implements `Matcher.match` for any source of proposed pairs; the map may deform from room to room."""
 
-    `others` is a second proposer, used as well for a map with few walls, since a single room may mislead the first one
-    past the true place of a building that repeats itself, and where the first one's proposals lead to no place that
-    explains the map: it may have mistaken one room for another.
-    """
-
-    def __init__(self, proposer: Proposer, others: Proposer | None = None) -> None:
-        self._propose, self._others = proposer, others
+    def __init__(self, proposer: Proposer) -> None:
+        self._propose = proposer
         self._plan = PlanCache(PlanWalls.of)
 
     def match(
@@ -44,33 +38,12 @@ class GeometricMatcher:
         scene = scene_of(s, plan)
         allowed = None if start is None else partial(near_start, start)
 
-        proposals, others = self._propose(s, a, scene), self._others
-        if others is not None and len(s.wall_surfaces) <= FEW:
-            proposals, others = together(proposals, others(s, a, scene)), None
-        match = _answered(search(scene, proposals, allowed), began, start)
-        if match.status == "none" and others is not None:
-            match = _answered(search(scene, together(proposals, others(s, a, scene)), allowed), began, start)
-        return match
-
-
-def _answered(found: Hypotheses, began: float, start: Start | None) -> MatchResult:
-    """The result of hypotheses, best first; of none as well."""
-    if len(found):
-        return answer(found, began)
-    near = "" if start is None else " near the start that was given (its yaw is in radians)"
-    reason = f"no wall corner of the map matches one in the plan{near}"
-    return MatchResult("none", reason, seconds=time.perf_counter() - began)
-
-
-def together(one: TopK, other: TopK) -> TopK:
-    """Merges both proposers' proposals for each S wall, best first; a pair that both propose counts once, by the higher
-    of its scores."""
-    partner, score = np.hstack((one.partner, other.partner)), np.hstack((one.score, other.score))
-    order = np.argsort(-score, axis=1, kind="stable")
-    partner, score = np.take_along_axis(partner, order, axis=1), np.take_along_axis(score, order, axis=1)
-    is_same = partner[:, :, None] == partner[:, None, :]
-    again = np.tril(is_same, -1).any(axis=2)
-    return TopK(np.where(again, -1, partner), np.where(again, 0.0, score))
+        found = search(scene, self._propose(s, a, scene), allowed)
+        if len(found):
+            return answer(found, began)
+        near = "" if start is None else " near the start that was given (its yaw is in radians)"
+        reason = f"no wall corner of the map matches one in the plan{near}"
+        return MatchResult("none", reason, seconds=time.perf_counter() - began)
 
 
 def among(proposals: TopK, plan: PlanWalls) -> TopK:
