@@ -30,7 +30,7 @@ from matching.engine.plan_walls import PlanWalls
 
 SURE = float(np.log(199))  # nats
 EQUAL = 1.0  # nats to be expected: in fewer than one map of a thousand of such a place it comes to SURE
-NOISE = Noise(np.array([SIGMA_ACROSS]), np.array([(SIGMA_END, 1 - MISSING, MISSING / 2, MISSING / 2, 1.0)]))
+NOISE = Noise(np.array([SIGMA_ACROSS]), np.array([(SIGMA_END, 1 - MISSING, MISSING / 2, MISSING / 2)]))
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def symmetries(seen: SceneGraph, plan: PlanWalls, deformed: bool = False) -> lis
         *(np.concatenate((getattr(truth.fields, of), getattr(placed.fields, of))) for of in ("storey", "state"))
     )
     table = np.concatenate((truth.table, placed.table))
-    score, _ = evidence(scene, fields, table, Chance.of(scene, fields, table), NOISE)
+    score = evidence(scene, fields, table, Chance.of(scene, fields, table), NOISE)
     nats = score[0] - score
     near = rigid(scene, fields, explained(scene, table, fields.state, SIGMA_SCORE))
     order = np.array([0, *(1 + np.argsort(nats[1:], kind="stable"))])

@@ -7,7 +7,6 @@ import numpy as np
 from data.common.compiled import compiled
 from data.geometry.se2 import Array
 from matching.arrays import Index, Walls
-from matching.engine.confidence import room_confidence, surface_confidence
 from matching.engine.field_loops import Loops, compared, turns, wall_poses
 from matching.engine.hypotheses import Hypotheses
 
@@ -26,12 +25,12 @@ DOUBT = 0.02  # quality of a wall of no plan
 DOUBT_ROOM = 0.1
 TRIED = 3  # A rooms of each S room
 COMMON = 0.5  # of a piece's length that may lie beside another piece of the same wall; the other may be shorter
-Matches = tuple[tuple[int, int, float], ...]  # indices into S and A, and a share or a confidence in [0, 1]
+Matches = tuple[tuple[int, int, float], ...]  # indices into S and A, and a share in [0, 1]
 
 
 @dataclass(frozen=True)
 class Pairs:
-    """Matches as indices into S and A, with a confidence in [0, 1] given that the placement is right."""
+    """Matches as indices into S and A, each with its share in [0, 1] among what stood to choose."""
 
     rooms: Matches
     surfaces: Matches
@@ -53,14 +52,13 @@ class _Layout:
 def assign(found: Hypotheses, k: int) -> Pairs:
     """Returns the matches of hypothesis k as indices into S's walls and rooms and into those of its storey.
 
-    The confidence of a surface pair follows from the share q / (q + q' + 0.02) of its quality q, where q' is that of
-    the next best A wall; that of a room pair likewise from the shares of the S room's walls, by length.
+    The share of a surface pair is q / (q + q' + 0.02) of its quality q, where q' is that of the next best A wall; that
+    of a room pair likewise from the shares of the S room's walls, by length.
     """
     layout = _layout(found, k)
     share = _shares(layout)
     rooms = _rooms(layout, share)
-    matched = tuple((r, q, room_confidence(c)) for r, q, c in rooms)
-    return Pairs(matched, tuple((i, j, surface_confidence(c)) for i, j, c in _surfaces(layout, share, rooms)))
+    return Pairs(rooms, _surfaces(layout, share, rooms))
 
 
 def assign_rooms(found: Hypotheses, k: int) -> Matches:

@@ -22,9 +22,6 @@ SIGMAS = np.array([0.02, 0.04, 0.07, 0.12])  # metres across, equally likely bef
 NOT_IN_PLAN = 0.3  # prior of an S wall, over its length in metres: cupboards are short
 NOT_IN_PLAN_BOUNDS = (0.04, 0.3)
 LEAST_DENSITY = 0.1  # walls per metre; a rare direction must not prove a place
-END_SIGMAS = np.array([0.05, 0.15, 0.4])  # metres along, of the ends of walls
-SEEN_TO_END = 0.6  # the others stop short, or run on where the plan has a corner
-END_TRUST = 0.5  # exponent: two ends of a wall, and the walls that cross there, are not independent
 SEEN = 0.3  # quality of a pair
 SHOWN = 0.8  # metres; shorter walls may well vanish
 ENTERED = 0.6
@@ -33,11 +30,9 @@ LEAST_HERE, MOST_OFF = 1e-6, 0.8  # pairs that lie less beside each other, or fu
 ELSEWHERE = 0.1  # how likely a wall is that of another A room than its S room's
 TWO_IN_ONE = 0.05  # of the S rooms are two A rooms
 # How the ends of walls may have been seen, one way for all of a map, all ways equally likely beforehand: metres along;
-# of the ends, those that are where the plan has them, stop short of there, and run on; and what exponent they have.
+# of the ends, those that are where the plan has them, stop short of there, and run on.
 # A robot finds an end well or not at all; a map that was drawn by hand, or is old, has them all, and all a little off.
-ENDS = np.array([(0.05, 0.5, 0.45, 0.05, 1.0), (0.35, 0.87, 0.08, 0.05, 1.0)])
-OTHER = 1 - SEEN_TO_END
-CONSERVATIVE_ENDS = np.array([(sigma, SEEN_TO_END, OTHER, OTHER, END_TRUST) for sigma in END_SIGMAS])
+ENDS = np.array([(0.05, 0.5, 0.45, 0.05), (0.35, 0.87, 0.08, 0.05)])
 
 
 @dataclass(frozen=True)
@@ -58,7 +53,7 @@ class Noise:
     ends: Array
 
 
-UNKNOWN, CONSERVATIVE = Noise(SIGMAS, ENDS), Noise(SIGMAS, CONSERVATIVE_ENDS)
+UNKNOWN = Noise(SIGMAS, ENDS)
 
 
 @dataclass(frozen=True)
@@ -82,20 +77,15 @@ class Chance:
 
 
 def evidence(scene: Scene, fields: Fields, table: Index, chance: Chance, noise: Noise = UNKNOWN) -> tuple[Array, Array]:
-    """(K,) nats, comparable between all fields of a scene, and (K,) the same with conservative ends.
-
-    `ENDS` separate similar places; `CONSERVATIVE_ENDS` give less weight to ends that agree, which also happens by
-    chance at the best of many wrong places.
-    """
+    """(K,) nats, comparable between all fields of a scene."""
     now = judge(scene, table, fields.state, SIGMA_SCORE)
     homes = _homes(scene, table, now.quality)
-    walls, conservative = (_of_walls(scene, fields, table, now, homes, chance, of) for of in (noise, CONSERVATIVE))
+    walls = _of_walls(scene, fields, table, now, homes, chance, noise)
     seen = []
     for k, storey in enumerate(fields.storey.tolist()):
         a, first = scene.plan.storeys[storey], int(scene.plan.first[storey])
         seen.append(_completeness(a.half, a.room, len(a.rooms), table[k], first, now.quality[k], homes.first[k]))
-    rest = np.array(seen) + door_evidence(scene, fields, homes.first) - 0.5 * bending(scene, fields)
-    return walls + rest, conservative + rest
+    return walls + np.array(seen) + door_evidence(scene, fields, homes.first) - 0.5 * bending(scene, fields)
 
 
 def bending(scene: Scene, fields: Fields) -> Array:
@@ -200,13 +190,12 @@ def _measured(
     lengths are known.
     """
     for e in range(len(ends)):
-        sigma, seen, short, beyond, trust = ends[e]
+        sigma, seen, short, beyond = ends[e]
         both = 1.0
         if known:
             for side in (-1, 1):
                 gap = side * along + half - a_half
                 both *= seen * _normal(gap, sigma) * max(2 * a_half, 1.0) + (short if gap < 0 else beyond)
-            both = both if trust == 1 else both**trust
         density[e :: len(ends)] = both
     for n in range(len(sigmas)):
         normal = _normal(across, sigmas[n])

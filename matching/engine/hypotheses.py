@@ -46,7 +46,7 @@ class Hypotheses:
     """K distinct hypotheses, best first.
 
     `fields` are the motions of the map's groups, `table` (K, Ns, P) the candidate A walls of each S wall, -1 for none.
-    `score` (K,) is the evidence in nats, `conservative` (K,) the same with wall ends trusted less. `rigid` (K, 3) is
+    `score` (K,) is the evidence in nats. `rigid` (K, 3) is
     the rigid motion (yaw, x, y) nearest to each field, between the graphs' own frames.
     """
 
@@ -54,11 +54,14 @@ class Hypotheses:
     fields: Fields
     table: Index
     score: Array
-    conservative: Array
     rigid: Array
 
     def __len__(self) -> int:
         return len(self.score)
+
+    def __getitem__(self, chosen: Index) -> "Hypotheses":
+        of = self.fields[chosen], self.table[chosen], self.score[chosen], self.rigid[chosen]
+        return Hypotheses(self.scene, *of)
 
     @cached_property
     def between_graphs(self) -> Array:
@@ -94,9 +97,7 @@ def search(scene: Scene, proposals: TopK, allowed: Callable[[Array], bool] | Non
     fields, sure = seeds(scene, local_motions(scene, proposals), fewest, most)
     fields, sure = _allowed(scene, fields, sure, allowed)
     if not len(fields):
-        return Hypotheses(
-            scene, fields, np.zeros((0, len(s), 0), dtype=np.int64), np.zeros(0), np.zeros(0), np.zeros((0, 3))
-        )
+        return Hypotheses(scene, fields, np.zeros((0, len(s), 0), dtype=np.int64), np.zeros(0), np.zeros((0, 3)))
     grown = grow(scene, fields, sure)
     chance = Chance.of(scene, grown.fields, grown.table)
     found = _scored(scene, grown, chance)
@@ -106,7 +107,7 @@ def search(scene: Scene, proposals: TopK, allowed: Callable[[Array], bool] | Non
     if allowed is None:
         return found
     kept = [k for k, T_a_s in enumerate(found.between_graphs) if allowed(T_a_s)]
-    return _chosen(found, np.array(kept, dtype=np.int64))
+    return found[np.array(kept, dtype=np.int64)]
 
 
 def _allowed(
@@ -162,25 +163,20 @@ def polished(scene: Scene, begin: GuidedFields, sigmas: Array) -> GuidedFields:
 
 def _scored(scene: Scene, grown: GuidedFields, chance: Chance) -> Hypotheses:
     fields, table = grown.fields, grown.table
-    score, conservative = evidence(scene, fields, table, chance)
     near = rigid(scene, fields, explained(scene, table, fields.state, SIGMA_SCORE))
-    order = np.argsort(-score, kind="stable")
-    found = Hypotheses(scene, fields[order], table[order], score[order], conservative[order], near[order])
-    return _chosen(found, distinct(found.fields.storey, found.rigid))
-
-
-def _chosen(found: Hypotheses, chosen: Index) -> Hypotheses:
-    scores = found.score[chosen], found.conservative[chosen]
-    return Hypotheses(found.scene, found.fields[chosen], found.table[chosen], *scores, found.rigid[chosen])
+    return _distinct(Hypotheses(scene, fields, table, evidence(scene, fields, table, chance), near))
 
 
 def _merged(one: Hypotheses, other: Hypotheses) -> Hypotheses:
     storey = np.concatenate((one.fields.storey, other.fields.storey))
     state = np.concatenate((one.fields.state, other.fields.state))
-    score = np.concatenate((one.score, other.score))
-    order = np.argsort(-score, kind="stable")
-    both = Hypotheses(
-        one.scene, Fields(storey, state)[order], np.concatenate((one.table, other.table))[order], score[order],
-        np.concatenate((one.conservative, other.conservative))[order], np.concatenate((one.rigid, other.rigid))[order],
-    )  # fmt: skip
-    return _chosen(both, distinct(both.fields.storey, both.rigid))
+    table, score, near = (
+        np.concatenate(of) for of in ((one.table, other.table), (one.score, other.score), (one.rigid, other.rigid))
+    )
+    return _distinct(Hypotheses(one.scene, Fields(storey, state), table, score, near))
+
+
+def _distinct(found: Hypotheses) -> Hypotheses:
+    """Those that differ from all better ones, best first."""
+    found = found[np.argsort(-found.score, kind="stable")]
+    return found[distinct(found.fields.storey, found.rigid)]

@@ -9,6 +9,7 @@ import numpy as np
 from data.scene_graph import SceneGraph
 from matching.arrays import PlanCache
 from matching.engine.assignment import assign, assign_rooms
+from matching.engine.calibration import shipped
 from matching.engine.field import Scene
 from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
@@ -64,11 +65,11 @@ def answer(found: Hypotheses, began: float) -> MatchResult:
         rooms = tuple((s.rooms[r].id, storey.rooms[q].id) for r, q, _ in matches)
         hypotheses.append(Hypothesis(float(found.score[k]), _triple(found, k), storey.floor, rooms))
     a = found.scene.plan.storeys[int(found.fields.storey[0])]
-    sure = verdict.probability
+    sure, of = verdict.probability, shipped()
     return MatchResult(
         verdict.status, verdict.reason,
-        tuple((s.rooms[r].id, a.rooms[q].id, c * sure) for r, q, c in pairs.rooms),
-        tuple((s.ids[i], a.ids[j], c * sure) for i, j, c in pairs.surfaces),
+        tuple((s.rooms[r].id, a.rooms[q].id, sure * of.confidence(c, of.room)) for r, q, c in pairs.rooms),
+        tuple((s.ids[i], a.ids[j], sure * of.confidence(c, of.surface)) for i, j, c in pairs.surfaces),
         None if verdict.status == "none" else _triple(found, 0), a.floor, tuple(hypotheses),
         time.perf_counter() - began,
     )  # fmt: skip

@@ -1,8 +1,6 @@
-"""Decides between unique, ambiguous and none: whether the map is in the plan at all, and the margin over the runner-up.
+"""Decides between unique, ambiguous and none: whether the map is in the plan at all, and whether in one place only.
 
-A map of another building also has a best place. Its score grows with the plan's size, and the runner-up is close. The
-odds were fitted by logistic regression to 3,000 maps of 1 to 9 rooms (`real`, `drift`, `mis_segmented`), of flats and
-of generated buildings, matched with their own plans and with others.
+A map of another building also has a best place. Its evidence grows with the plan's size, and the runner-up is close.
 """
 
 from collections.abc import Sequence
@@ -11,22 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from matching.engine.assignment import Pairs
+from matching.engine.calibration import Calibration, probability, shipped
 from matching.engine.field import judge
 from matching.engine.field_loops import SIGMA_SCORE
 from matching.engine.hypotheses import Hypotheses
 from matching.result import Status
 
-LEAST_SURFACES = 5
+SURE = 0.99  # probability of an answer that is unique
+LEAST_FRACTION = 0.5  # of the map's walls, by length: where a plan explains less, it is not the map's
 PLACES_PER_M2 = 40.0  # that a vote can separate: four directions of the grid, a third of a metre
-LEAST_MARGIN = float(np.log(199))  # nats over the runner-up: 99.5 % sure between the two
-DOUBT = 0.6  # nats more for each unexplained wall: at another place as much may differ from the plan
-OFFSET, SCORE, MARGIN, MISSED, PLACES = 5.68, 0.254, 0.147, -1.736, -0.656  # of the log odds, see `odds`
-LEAST_ODDS = 4.5
-MOST_MISSED = 10  # unexplained walls that count, at most: large maps have many cupboards and partitions
-LEAST_FRACTION = 0.5  # of the map's walls, by length, that the plan explains
-PER_WALL = (1.8, 2.4)  # nats of each wall that the plan explains, at least: of a map of few walls,
-WALLS = (15, 30)  # and of one of many; a deformed mirror image often reaches less
-OF_MISSED = 2.0  # nats that a wall costs which is not explained, about
 
 
 @dataclass(frozen=True)
@@ -38,41 +29,58 @@ class Verdict:
     probability: float
 
 
+@dataclass(frozen=True)
+class Signs:
+    """What the verdict is based on: evidence (K,) in nats of the hypotheses, best first, the share of the map's walls,
+    by length, that the first explains, the number of the others, and the logarithm of the number of places in the plan.
+    """
+
+    evidence: tuple[float, ...]
+    fraction: float
+    unexplained: float
+    places: float
+
+    @staticmethod
+    def of(found: Hypotheses) -> "Signs":
+        """Of at least one hypothesis."""
+        s, storeys = found.scene.s, found.scene.plan.storeys
+        now = judge(found.scene, found.table[:1], found.fields.state[:1], SIGMA_SCORE)
+        fraction = float(s.half @ now.quality[0].max(axis=1, initial=0.0) / s.half.sum())
+        places = float(np.log(PLACES_PER_M2 * sum(a.area for a in storeys)))
+        return Signs(tuple(found.score.tolist()), fraction, (1 - fraction) * len(s), places)
+
+    def behind(self, calibration: Calibration) -> tuple[float, ...]:
+        """(K - 1,) log odds of the first place over each other one."""
+        scale = calibration.scale(self.unexplained)
+        return tuple((self.evidence[0] - other) / scale for other in self.evidence[1:])
+
+    def margin(self, calibration: Calibration) -> float:
+        """Nats over the best wrong place, infinite without one; places as good as the best one are left out."""
+        least = np.log(SURE / (1 - SURE))
+        wrong = (b for b in self.behind(calibration) if b >= least)
+        return min(wrong, default=np.inf) * calibration.scale(self.unexplained)
+
+    def log_odds(self, calibration: Calibration) -> float:
+        """That the map is in the plan."""
+        margin = self.margin(calibration)
+        return calibration.log_odds(self.evidence[0], margin, self.unexplained, self.places)
+
+
 def verify(found: Hypotheses, pairs: Pairs) -> Verdict:
     """Returns the verdict on hypotheses, best first, at least one; `pairs` are the matches of the first."""
-    s, plan = found.scene.s, found.scene.plan
-    own = matched(pairs, len(s))
-    now = judge(found.scene, found.table[:1], found.fields.state[:1], SIGMA_SCORE)
-    fraction = float(s.half @ now.quality[0].max(axis=1, initial=0.0) / s.half.sum())
-    log_odds = odds(found, fraction)
-    missed = (1 - fraction) * len(s)
-    margin = LEAST_MARGIN + DOUBT * missed
-    behind = (found.score - found.score[0]) * LEAST_MARGIN / margin
-    probability = float(1 / (np.exp(behind).sum() + np.exp(min(-log_odds, 50.0))))
-    if fraction < LEAST_FRACTION:
-        return Verdict("none", unexplained(fraction, LEAST_FRACTION), probability)
-    near = np.flatnonzero(found.score > found.score[0] - margin)
-    rough = found.conservative[0] + OF_MISSED * missed < (len(s) - missed) * np.interp(len(s), WALLS, PER_WALL)
-    if log_odds < LEAST_ODDS or len(pairs.surfaces) < LEAST_SURFACES or rough:
-        return Verdict("none", f"too little evidence at the best place ({own}): see more rooms", probability)
-    if len(near) > 1:
-        floors = [str(plan.storeys[int(found.fields.storey[k])].floor) for k in near]
-        reason = f"{places_named(floors)} explain the map about equally well ({own})"
-        return Verdict("ambiguous", reason, probability)
-    return Verdict("unique", f"{own}; no other place explains the map nearly as well", probability)
-
-
-def odds(found: Hypotheses, fraction: float) -> float:
-    """Returns the log odds that the map is in the plan, which explains a fraction of its walls.
-
-    They rise with the evidence with conservative ends and with the margin over wrong places (places as good as the best
-    one are left out), and fall with unexplained walls and the number of places.
-    """
-    walls, conservative = len(found.scene.s), found.conservative
-    places = np.log(PLACES_PER_M2 * sum(a.area for a in found.scene.plan.storeys))
-    margin = min(walls, *(conservative[0] - conservative[conservative <= conservative[0] - LEAST_MARGIN]), np.inf)
-    missed = min((1 - fraction) * walls, MOST_MISSED)
-    return float(OFFSET + SCORE * conservative[0] + MARGIN * margin + MISSED * missed + PLACES * places)
+    calibration, signs = shipped(), Signs.of(found)
+    own = matched(pairs, len(found.scene.s))
+    odds, behind = signs.log_odds(calibration), np.array(signs.behind(calibration))
+    sure = float(1 / (1 + np.exp(-behind).sum() + np.exp(-np.clip(odds, -50, 50))))
+    if signs.fraction < LEAST_FRACTION:
+        return Verdict("none", unexplained(signs.fraction, LEAST_FRACTION), sure)
+    if probability(odds) < SURE:
+        return Verdict("none", f"too little evidence at the best place ({own}): see more rooms", sure)
+    if sure < SURE:
+        near = max(1, int(np.sum(behind < np.log(SURE / (1 - SURE)))))
+        floors = [str(found.scene.plan.storeys[int(k)].floor) for k in found.fields.storey[: near + 1]]
+        return Verdict("ambiguous", f"{places_named(floors)} explain the map about equally well ({own})", sure)
+    return Verdict("unique", f"{own}; no other place explains the map nearly as well", sure)
 
 
 def unexplained(fraction: float, least: float) -> str:
