@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -12,30 +13,31 @@ MOST_LOG_ODDS = 50.0
 
 @dataclass(frozen=True)
 class Calibration:
-    """Logistic models (J. Platt: Probabilistic outputs for support vector machines, 1999); evidence is in nats.
+    """Models of probabilities; evidence is in nats.
 
-    `place` are the coefficients of the log odds that the map is in the plan where its best hypothesis is, or where
-    another does about as well: of the evidence, of its margin over wrong places, of the number of unexplained walls,
-    of the logarithm of the number of places in the plan, and a constant. The first three count up to `saturation`.
-    `separation` (a, b): the log odds between two places are their difference of evidence over a + b times the number of
-    unexplained walls: at another place as much may differ from the plan. `room` and `surface` (offset, slope): the log
-    odds of a pair at the right place in those of its share among what stood to choose.
+    `place` are the coefficients of the log odds that the map is in the plan: of the evidence of the best hypothesis, of
+    the number of walls that it leaves unexplained (both count up to `saturation`), of the logarithm of the number of
+    places in the plan, and a constant (J. Platt: Probabilistic outputs for support vector machines, 1999).
+    `separation` (a, b): hypotheses are as likely as a softmax of their evidence over a + b times the number of
+    unexplained walls says: at another place as much may differ from the plan. `room` and `surface` (offset, slope): the
+    log odds of a pair at the right place in those of its share among what stood to choose.
     """
 
-    place: tuple[float, float, float, float, float]
-    saturation: tuple[float, float, float]
+    place: tuple[float, float, float, float]
+    saturation: tuple[float, float]
     separation: tuple[float, float]
     room: tuple[float, float]
     surface: tuple[float, float]
 
-    def log_odds(self, evidence: float, margin: float, unexplained: float, places: float) -> float:
-        """The log odds that the map is in the plan; `places` is the logarithm of their number."""
-        features = (*map(min, (evidence, margin, unexplained), self.saturation), places, 1.0)
-        return sum(of * value for of, value in zip(self.place, features, strict=True))
+    def in_plan(self, evidence: float, unexplained: float, places: float) -> float:
+        """The probability that the map is in the plan; `places` is the logarithm of their number."""
+        features = (*map(min, (evidence, unexplained), self.saturation), places, 1.0)
+        return probability(sum(of * value for of, value in zip(self.place, features, strict=True)))
 
-    def scale(self, unexplained: float) -> float:
-        """How many nats between two places are one of log odds."""
-        return self.separation[0] + self.separation[1] * unexplained
+    def best_of(self, evidence: Sequence[float], unexplained: float) -> float:
+        """The probability that the first hypothesis is the right one, if one of them is."""
+        scale = self.separation[0] + self.separation[1] * unexplained
+        return 1 / sum(math.exp(min((other - evidence[0]) / scale, MOST_LOG_ODDS)) for other in evidence)
 
     def confidence(self, share: float, of: tuple[float, float]) -> float:
         """The probability of a pair, given that the place is right; `of` is `room` or `surface`."""

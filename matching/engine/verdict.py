@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from matching.engine.assignment import Pairs
-from matching.engine.calibration import Calibration, probability, shipped
+from matching.engine.calibration import Calibration, shipped
 from matching.engine.field import judge
 from matching.engine.field_loops import SIGMA_SCORE
 from matching.engine.hypotheses import Hypotheses
 from matching.result import Status
 
-SURE = 0.99  # probability of an answer that is unique
+SURE = 0.98  # probability that the map is in the plan, and that it is in this place, of an answer that is unique
 LEAST_FRACTION = 0.5  # of the map's walls, by length: where a plan explains less, it is not the map's
 PLACES_PER_M2 = 40.0  # that a vote can separate: four directions of the grid, a third of a metre
 
@@ -49,38 +49,29 @@ class Signs:
         places = float(np.log(PLACES_PER_M2 * sum(a.area for a in storeys)))
         return Signs(tuple(found.score.tolist()), fraction, (1 - fraction) * len(s), places)
 
-    def behind(self, calibration: Calibration) -> tuple[float, ...]:
-        """(K - 1,) log odds of the first place over each other one."""
-        scale = calibration.scale(self.unexplained)
-        return tuple((self.evidence[0] - other) / scale for other in self.evidence[1:])
-
-    def margin(self, calibration: Calibration) -> float:
-        """Nats over the best wrong place, infinite without one; places as good as the best one are left out."""
-        least = np.log(SURE / (1 - SURE))
-        wrong = (b for b in self.behind(calibration) if b >= least)
-        return min(wrong, default=np.inf) * calibration.scale(self.unexplained)
-
-    def log_odds(self, calibration: Calibration) -> float:
-        """That the map is in the plan."""
-        margin = self.margin(calibration)
-        return calibration.log_odds(self.evidence[0], margin, self.unexplained, self.places)
-
 
 def verify(found: Hypotheses, pairs: Pairs) -> Verdict:
     """Returns the verdict on hypotheses, best first, at least one; `pairs` are the matches of the first."""
     calibration, signs = shipped(), Signs.of(found)
     own = matched(pairs, len(found.scene.s))
-    odds, behind = signs.log_odds(calibration), np.array(signs.behind(calibration))
-    sure = float(1 / (1 + np.exp(-behind).sum() + np.exp(-np.clip(odds, -50, 50))))
+    in_plan = calibration.in_plan(signs.evidence[0], signs.unexplained, signs.places)
+    best = calibration.best_of(signs.evidence, signs.unexplained)
     if signs.fraction < LEAST_FRACTION:
-        return Verdict("none", unexplained(signs.fraction, LEAST_FRACTION), sure)
-    if probability(odds) < SURE:
-        return Verdict("none", f"too little evidence at the best place ({own}): see more rooms", sure)
-    if sure < SURE:
-        near = max(1, int(np.sum(behind < np.log(SURE / (1 - SURE)))))
-        floors = [str(found.scene.plan.storeys[int(k)].floor) for k in found.fields.storey[: near + 1]]
-        return Verdict("ambiguous", f"{places_named(floors)} explain the map about equally well ({own})", sure)
-    return Verdict("unique", f"{own}; no other place explains the map nearly as well", sure)
+        return Verdict("none", unexplained(signs.fraction, LEAST_FRACTION), in_plan * best)
+    if in_plan < SURE:
+        reason = f"too little evidence at the best place ({own}): see more rooms"
+        return Verdict("none", reason, in_plan * best)
+    if best < SURE:
+        near = [k for k in range(1, len(found)) if _is_near(calibration, signs, k)] or [1]
+        floors = [str(found.scene.plan.storeys[int(found.fields.storey[k])].floor) for k in (0, *near)]
+        reason = f"{places_named(floors)} explain the map about equally well ({own})"
+        return Verdict("ambiguous", reason, in_plan * best)
+    return Verdict("unique", f"{own}; no other place explains the map nearly as well", in_plan * best)
+
+
+def _is_near(calibration: Calibration, signs: Signs, k: int) -> bool:
+    """Whether the best hypothesis is not sure over this one."""
+    return calibration.best_of((signs.evidence[0], signs.evidence[k]), signs.unexplained) < SURE
 
 
 def unexplained(fraction: float, least: float) -> str:

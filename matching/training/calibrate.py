@@ -26,7 +26,7 @@ from matching.engine.assignment import Pairs, assign
 from matching.engine.calibration import SHIPPED, Calibration
 from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
-from matching.engine.verdict import SURE, Signs
+from matching.engine.verdict import Signs
 from matching.engine.voting_proposals import voting_proposals
 
 KINDS = ("apartment", "office", "corridor", "l_shape", "skewed", "mirrored_twins", "tower")
@@ -36,8 +36,8 @@ SEEDS = 90  # of generated plans of each kind
 FOREIGN = 0.3  # share of maps of another plan
 RIGHT = 0.5  # of a hypothesis' wall pairs, by number, that are true
 COMPARED = 100  # hypotheses of a map whose truth is looked up: a tower has many equal places
-SATURATION = (60.0, 20.0, 10.0)  # nats, nats, walls: beyond, more of them does not make a place more certain
-START = Calibration((0.1, 0.4, -0.7, -0.8, 5.0), SATURATION, (1.0, 0.1), (1.0, 3.0), (1.6, 2.4))
+SATURATION = (60.0, 10.0)  # nats, walls: beyond, more of them does not make a place more or less certain
+SEPARATION = (1.0, 0.1)  # where its fit begins
 RIDGE = 1e-4  # of the standardised coefficients
 
 
@@ -114,34 +114,24 @@ def _told(found: Hypotheses, k: int, truth: DrawnGraph) -> tuple[tuple[tuple[flo
 
 
 def fit(answers: Sequence[Answer]) -> Calibration:
-    """Fits all models by maximum likelihood: first how two places compare, on which the others depend."""
-    compared = [
-        (a.signs.evidence[0] - a.signs.evidence[1], a.signs.unexplained, a.right[0])
-        for a in answers
-        if len(a.right) > 1 and a.right[0] != a.right[1]
-    ]
-    nats, unexplained, first = (np.array(column, dtype=float) for column in zip(*compared, strict=True))
+    """Fits all models by maximum likelihood."""
+    found = [a for a in answers if any(a.right)]
 
     def loss(scale: Array) -> float:
-        a, b = np.exp(scale)
-        return _loss(nats / (a + b * unexplained), first)
+        return float(np.mean([_surprise(a, *np.exp(scale)) for a in found]))
 
-    separation = np.exp(minimize(loss, np.log(START.separation), method="Nelder-Mead").x)
-    begun = replace(START, separation=(float(separation[0]), float(separation[1])))
-    rows = [(min(a.signs.evidence[0], SATURATION[0]), min(a.signs.margin(begun), SATURATION[1]),
-             min(a.signs.unexplained, SATURATION[2]), a.signs.places) for a in answers]  # fmt: skip
-    place = _logistic(np.array(rows), np.array([_is_in_plan(a, begun) for a in answers]))
-    shares = [[pair for a in answers for pair in getattr(a, of)] for of in ("rooms", "surfaces")]
-    room, surface = (_of_shares(pairs) for pairs in shares)
-    rounded = [tuple(round(float(x), 4) for x in of) for of in (place, begun.separation, room, surface)]
+    separation = np.exp(minimize(loss, np.log(SEPARATION), method="Nelder-Mead").x)
+    signs = [(*map(min, (a.signs.evidence[0], a.signs.unexplained), SATURATION), a.signs.places) for a in answers]
+    place = _logistic(np.array(signs), np.array([any(a.right) for a in answers]))
+    room, surface = (_of_shares([p for a in answers for p in getattr(a, of)]) for of in ("rooms", "surfaces"))
+    rounded = [tuple(round(float(x), 4) for x in of) for of in (place, separation, room, surface)]
     return Calibration(rounded[0], SATURATION, *rounded[1:])  # type: ignore[arg-type]
 
 
-def _is_in_plan(answer: Answer, calibration: Calibration) -> bool:
-    """Whether the best hypothesis, or one that the evidence does not tell from it, is right."""
-    least = np.log(SURE / (1 - SURE))
-    near = [True, *(b < least for b in answer.signs.behind(calibration))]
-    return any(right and close for right, close in zip(answer.right, near, strict=False))
+def _surprise(answer: Answer, a: float, b: float) -> float:
+    """Minus the logarithm of the probability of the right hypotheses."""
+    evidence = np.array(answer.signs.evidence[: len(answer.right)]) / (a + b * answer.signs.unexplained)
+    return float(np.logaddexp.reduce(evidence) - np.logaddexp.reduce(evidence[np.array(answer.right)]))
 
 
 def _of_shares(pairs: Sequence[tuple[float, bool]]) -> Array:
