@@ -21,19 +21,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-ANCHORING = tuple(
-    f"tests/sgslam/anchoring/test_{name}.py"
-    for name in (
-        "anchored_rooms", "commitment", "consensus", "free_space_conflict", "place_verification", "storey_hypotheses",
-    )
-)  # fmt: skip
+PLACES = "anchored_rooms free_space_conflict place_verification storey_hypotheses"
+ANCHORING = tuple(f"tests/sgslam/anchoring/test_{name}.py" for name in f"{PLACES} commitment consensus".split())
 BUILDING = ("tests/sgslam/anchoring/test_building_anchoring.py",)
 VERDICTS = ("tests/matching/test_verdicts.py",)
 TESTS = {  # of each module; what is compiled once must not be compiled for each mutant
-    **{f"sgslam/anchoring/{name}.py": ANCHORING for name in (
-        "place_verification", "match_history", "storey_hypotheses", "anchored_rooms", "free_space_conflict",
-        "se2_consensus",
-    )},
+    **{f"sgslam/anchoring/{name}.py": ANCHORING for name in f"{PLACES} match_history se2_consensus".split()},
     "sgslam/anchoring/room_relocalisation.py": ("tests/sgslam/anchoring/test_room_relocalisation.py",),
     "sgslam/anchoring/building_anchoring.py": BUILDING,
     "sgslam/anchoring/floor_anchoring.py": (*BUILDING, "tests/sgslam/anchoring/test_floor_anchoring.py"),

@@ -23,7 +23,7 @@ from data.common.errors import UserError
 from data.scans import Scan, ScanFolder
 from data.slam_output.kiss_slam import read_kiss_poses
 from data.trajectory import Trajectory
-from evaluation.buildings import generated
+from evaluation.buildings import generated, plan_graph
 from evaluation.drive import Drive, DriveCase, DriveOptions, drive_of
 from evaluation.outcome import Outcome
 from evaluation.peers.odometries import KISS_SLAM, kiss_slam_results
@@ -79,8 +79,10 @@ def measure(case: DriveCase, work: Path) -> Record:
     with TemporaryDirectory(prefix="other.", dir=work) as name:
         path, alone = _output(system, drive, Path(name))
         scans = None if system == OF_KISS_SLAM[1] else drive.folder
+        plan = Path(name) / "plan.json"
+        plan_graph(drive.plan).save(plan)
         began = process_time()
-        metrics = _anchor(path, scans, drive.plan, Path(name) / "anchored")
+        metrics = _anchor(path, scans, plan, Path(name) / "anchored")
         anchored = Trajectory.read_tum(Path(name) / "anchored" / "trajectory_all.tum")
     if len(anchored) == len(alone):  # those without stamps of the scans' clock
         anchored = Trajectory(alone.stamps_ns, anchored.poses)

@@ -24,10 +24,10 @@ _HEIGHT = 2.5  # m of a wall whose height is not known
 
 
 def by_wall(deviations: Sequence[Deviation]) -> dict[str, list[Deviation]]:
-    """The entries of each planned wall by its source, in their order."""
+    """The entries of each planned wall by its source, in their order; extra walls are none."""
     found: dict[str, list[Deviation]] = defaultdict(list)
     for deviation in deviations:
-        if deviation["source"]:
+        if deviation["source"] and deviation["kind"] != "extra":
             found[deviation["source"]].append(deviation)
     return dict(found)
 

@@ -17,8 +17,8 @@ DRIVES = {  # options of `sgslam simulate`, in the demo's building unless they n
     "imu": (*INDOORS, "--carrier", "handheld", "--effects", "rolling", "--imu", "mid360", "--seconds", "24"),
     "wheeled": (*INDOORS, "--seconds", "24"),
 }
-NEEDS = {"institute": "institute", "effects": "effects", "imu": "imu", "live": "wheeled", "resumed": "wheeled",
-         "e1r": "e1r"}  # which drive a run needs  # fmt: skip
+NEEDS = {name: name for name in ("institute", "effects", "imu", "e1r")}  # which drive a run needs
+NEEDS |= {"live": "wheeled", "resumed": "wheeled"}
 PUBLIC = {"institute": INSTITUTE, "e1r": E1R, "vlp16": VLP16}  # which public data
 RUNS = ("vlp16", "demo", "institute", "effects", "imu", "live", "resumed", "e1r")
 STOPPED_AT = 120  # scans: the run `resumed` is interrupted while it adds this one

@@ -10,6 +10,15 @@ from boxes import Array, pose
 from data import Room, SceneGraph, WallSurface
 from data.geometry.poses import poses_to_xyzquat
 
+PLACES = [(1, 1, 0), (3, 2, 0.4), (5, 1, -0.3), (8, 3, 0.9), (1, 5, 2.0), (3, 7, -2.0)]  # x, y and yaw of keyframes
+ODD = """VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1
+FIX 0
+VERTEX_PLANE 1 -1 0 0 4 0.2 0.2 0.2
+FIX 1
+VERTEX_ROOM 2 2 1.5 0 0 0 0 1
+FIX 2
+VERTEX_FLOOR 90 0 0 3e-312 0 0 0 1
+EDGE_SE3_PLANE 0 1 -1 0 0 4 1 0 0 1 0 1"""
 ROOMS = {"a": (0.0, 0.0, 4.0, 3.0), "b": (4.2, 0.0, 9.2, 4.0), "c": (0.0, 3.2, 4.0, 7.7)}
 T_BIM_MAP = pose(2.0, -1.0, 0.0, 0.3)
 
@@ -43,24 +52,21 @@ def walls_of(name: str) -> list[tuple[str, Array, tuple[float, float], float]]:
 def plan() -> SceneGraph:
     """The building's plan."""
     rooms = tuple(Room(name, ((x0 + x1) / 2, (y0 + y1) / 2)) for name, (x0, y0, x1, y1) in ROOMS.items())
-    walls = tuple(
+    walls = [
         WallSurface(i, name, middle, (float(p[0]), float(p[1])), length)
-        for name in ROOMS for i, p, middle, length in walls_of(name)
-    )  # fmt: skip
-    return SceneGraph("bim", rooms, walls)
+        for name in ROOMS
+        for i, p, middle, length in walls_of(name)
+    ]
+    return SceneGraph("bim", rooms, tuple(walls))
 
 
 def drawn_graph(bend: float = 0.01, seed: int = 0) -> LoopBuilding:
     """Two keyframes in each room; what the file takes them to be is off by `bend` rad and 2 cm a step, as odometry is;
     the planes are seen to a millimetre. The plan stands in it too, as fixed vertices."""
     rng = np.random.default_rng(seed)
-    T_bim = {100 + k: pose(x, y, 0.0, yaw) for k, (x, y, yaw) in enumerate(
-        [(1, 1, 0), (3, 2, 0.4), (5, 1, -0.3), (8, 3, 0.9), (1, 5, 2.0), (3, 7, -2.0)])}  # fmt: skip
+    T_bim = {100 + k: pose(x, y, 0.0, yaw) for k, (x, y, yaw) in enumerate(PLACES)}
     T_true = {i: np.linalg.inv(T_BIM_MAP) @ T for i, T in T_bim.items()}
-    numbers = list(T_bim)
-    lines = ["VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1", "FIX 0", "VERTEX_PLANE 1 -1 0 0 4 0.2 0.2 0.2", "FIX 1",
-             "VERTEX_ROOM 2 2 1.5 0 0 0 0 1", "FIX 2", "VERTEX_FLOOR 90 0 0 3e-312 0 0 0 1",
-             "EDGE_SE3_PLANE 0 1 -1 0 0 4 1 0 0 1 0 1"]  # fmt: skip
+    numbers, lines = list(T_bim), ODD.splitlines()
     steps, bent = [], {numbers[0]: T_true[numbers[0]]}
     for i, j in itertools.pairwise(numbers):
         step = np.linalg.inv(T_true[i]) @ T_true[j] @ pose(0.02, rng.normal(0, 0.005), 0.0, bend)

@@ -14,19 +14,11 @@ from sgslam.mapping import KeyframeNode, SeenLevel, SeenWall
 from sgslam.report.accuracy import align_se3
 
 # two rooms side by side, x 0 to 6 and 6.2 to 12; inward normals, in a frame whose floor is z = 0
-WALLS = np.array([
-    [1, 0, 0, 0], [-1, 0, 0, 6], [0, 1, 0, 0], [0, -1, 0, 8],
-    [1, 0, 0, -6.2], [-1, 0, 0, 12],
-], dtype=float)  # fmt: skip
-
+WALLS = np.array([[1.0, 0, 0, 0], [-1, 0, 0, 6], [0, 1, 0, 0], [0, -1, 0, 8], [1, 0, 0, -6.2], [-1, 0, 0, 12]])
 MIDDLES = np.array([[0, 4, 1], [6, 4, 1], [6, 0, 1], [6, 8, 1], [6.2, 4, 1], [12, 4, 1]], dtype=float)  # of the walls
-
 FLOOR = np.array([0, 0, 1.0, 0])
-
 HEIGHT = 0.8
-
 CONFIG = Config()
-
 STEP = np.diag([0.01] * 3 + [0.04] * 3) ** 2  # covariance, as the steps slip here
 
 

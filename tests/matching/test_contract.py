@@ -60,6 +60,16 @@ def paired(result: MatchResult) -> set[tuple[str, str]]:
     return {(s, a) for s, a, _ in (*result.rooms, *result.wall_surfaces)}
 
 
+def test_the_released_search_matches_walls_without_a_room_by_their_place() -> None:
+    inner = SMALL.rooms[0].id
+    walls = tuple(replace(w, room=None) if w.room == inner else w for w in SMALL.wall_surfaces)
+    plan = replace(SMALL, rooms=SMALL.rooms[1:], doors=(), wall_surfaces=walls)
+    seen = as_map(plan)
+    found = {s: a for s, a, _ in matcher("combinatorial").match(seen, plan).wall_surfaces}
+    roomless = {s.id: a.id for s, a in zip(seen.wall_surfaces, walls, strict=True) if a.room is None}
+    assert len(roomless) > 3 and {s: found.get(s) for s in roomless} == roomless
+
+
 @pytest.mark.parametrize("of", MAPS)
 def test_an_answer_has_the_form_of_matches_json_and_is_its_first_hypothesis(method: str, of: str) -> None:
     s, a = MAPS[of]

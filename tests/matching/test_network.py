@@ -19,20 +19,18 @@ from matching import Matcher
 from matching.learned import LearnedProposer
 from matching.learned.network import CompiledNetwork
 from matching.learned.torch_weights import load_network, save_network
+from matching.network.consensus import _support, wall_rows
 from matching.network.dimensions import Settings
 from matching.network.encoder import GraphTensors
 from matching.network.features import PairRows, map_features, plan_features
 from matching.network.network import MatchingNetwork
+from matching.network.relations import wall_neighbours
+from matching.network.support_loops import combinations
 
 # Of an untrained network's candidates, which are all alike, the seventh and the eighth are told apart.
 SMALL = Settings(width=32, layers=2, candidates=7, cycles=2, rounds=2)
 PLAN = a_graph(flat(np.random.default_rng(3), 10, 8))
 Arrays = dict[str, np.ndarray[Any, Any]]
-
-
-@pytest.fixture(autouse=True)
-def _one_thread() -> None:
-    torch.set_num_threads(1)
 
 
 @pytest.fixture(scope="module")
@@ -92,6 +90,18 @@ def test_the_compiled_network_says_what_torchs_says(noise: str, rooms: int, stor
     assert (found.column[:, 5:] >= 0).any(), "candidates come from later cycles too"
     np.testing.assert_allclose(found.walls, odds.softmax(-1)[:, :-1].numpy(), atol=1e-5)
     np.testing.assert_allclose(found.rooms, output.rooms[-1].softmax(-1)[:, :-1].numpy(), atol=1e-5)
+
+
+def test_a_gpu_looks_at_the_combinations_that_the_compiled_loop_looks_at(drawn: DrawnGraph) -> None:
+    s, a = GraphTensors.of(map_features(drawn.s_graph)), GraphTensors.of(plan_features(PLAN))
+    shape, last = (len(s.wall_node), 9), len(a.wall_node)
+    row = torch.randint(-1, last, shape, generator=torch.Generator().manual_seed(0))
+    compiled = combinations(wall_rows(s), wall_rows(a), row.numpy())
+    of_gpu = _support(s, a, row, wall_neighbours(s), 0, len(row))
+    (p, q, f), (u, v, g) = ([torch.as_tensor(x) for x in found] for found in (compiled, of_gpu))
+    one, other = (pair * row.numel() + partner for pair, partner in ((p, q), (u, v)))
+    assert len(one) > 100 and torch.equal(one.sort().values, other.sort().values)
+    torch.testing.assert_close(f[one.argsort()], g[other.argsort()], rtol=1e-4, atol=1e-4)
 
 
 @pytest.mark.parametrize("suffix", [".pt", ".npz"])

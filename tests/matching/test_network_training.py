@@ -26,11 +26,6 @@ GRAPHS = [a_graph(flat(np.random.default_rng(k), 9, 7)) for k in range(3)]
 DRAWN = draw(GRAPHS[2], "real", np.random.default_rng(0), 2)
 
 
-@pytest.fixture(autouse=True)
-def _one_thread() -> None:
-    torch.set_num_threads(1)
-
-
 @pytest.fixture(scope="module")
 def drawing() -> Drawing:
     return Drawing(tuple(Plan(f"p{k}", f"b{k}", g) for k, g in enumerate(GRAPHS)), {})

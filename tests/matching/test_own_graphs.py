@@ -44,17 +44,18 @@ def test_other_units_and_flipped_normals_are_found_and_what_is_unusual_is_not() 
         assert "millimetres" in (implausible(wrong) or "")
     for wrong in (flipped(PLAN, count), flipped(PLAN, int(0.6 * count)), flipped(one, 3), flipped(ring, 4)):
         assert "normals" in (implausible(wrong) or "")
-    for usual in (scaled(PLAN, 1 / 0.3048), flipped(PLAN, int(0.4 * count)), flipped(one, 2), ring, flipped(bare, 9),
-                  SceneGraph("map")):  # fmt: skip
+    in_feet, turned = scaled(PLAN, 1 / 0.3048), flipped(PLAN, int(0.4 * count))
+    for usual in (in_feet, turned, flipped(one, 2), ring, flipped(bare, 9), SceneGraph("map")):
         assert implausible(usual) is None
 
 
 def test_the_matcher_says_which_graph_is_wrong() -> None:
     matcher, s = Matcher.load("voting"), draw(PLAN, "real", np.random.default_rng(1), 5).s_graph
     for wrong, plan, which in (
-        (scaled(s, 1000.0), PLAN, "S-graph: "), (flipped(s, len(s.wall_surfaces)), PLAN, "S-graph: "),
+        (scaled(s, 1000.0), PLAN, "S-graph: "),
+        (flipped(s, len(s.wall_surfaces)), PLAN, "S-graph: "),
         (s, scaled(PLAN, 1000.0), "A-graph: "),
-    ):  # fmt: skip
+    ):
         result = matcher.match(wrong, plan)
         assert result.status == "none" and result.reason.startswith(which)
 

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 from plans import a_graph, flat, moved
 
 from data import SceneGraph, UserError
@@ -20,11 +19,6 @@ from matching.published.train import main as train_command
 from matching.published.weights import load_paper_network
 
 PLAN = a_graph(flat(np.random.default_rng(3), 10, 8))
-
-
-@pytest.fixture(autouse=True)
-def _one_thread() -> None:
-    torch.set_num_threads(1)
 
 
 def right(result: MatchResult, truth: dict[str, str]) -> float:
@@ -57,8 +51,13 @@ def test_the_published_networks_know_their_perturbation_and_nothing_of_an_unknow
 
 
 @pytest.mark.slow
-def test_the_command_trains_and_refuses_mistakes(tmp_path: Path) -> None:
-    train_command(["--preset", "repository", "--out", str(tmp_path), "--pairs", "20", "--epochs", "1"])
+def test_the_command_trains_goes_on_and_refuses_mistakes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--preset", "repository", "--out", str(tmp_path), "--pairs", "20", "--epochs"]
+    train_command([*words, "1"])
+    train_command([*words, "2"])
+    assert "resuming after 1 epochs" in capsys.readouterr().out
+    with pytest.raises(UserError, match="a run with another seed"):
+        train_command([*words, "2", "--seed", "1"])
     assert json.loads((tmp_path / "model_card.json").read_text())["parameters"] == 50_754
     assert load_paper_network(tmp_path / "paper.pt").settings == REPOSITORY
     for wrong in (["--preset", "best"], ["--edges", "all"], ["--without", "walls"], ["--epochs", "0"]):

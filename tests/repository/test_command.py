@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -9,8 +10,8 @@ from commands import refused
 from packaging.requirements import Requirement
 
 from data.common.errors import UserError
-from sgslam.cli import installed
-from sgslam.cli.doctor import run_self_test
+from sgslam.cli import doctor, installed
+from sgslam.cli.command import COMMANDS, call
 from sgslam.config import Config
 from sgslam.config.loading import load_config
 
@@ -40,6 +41,12 @@ def test_mistakes_are_one_line_that_names_what_is_meant(tmp_path: Path) -> None:
         assert "-400,0,0" in refused(module, *more, "--out", tmp_path / "o", "--mount", "-400,0,0")
 
 
+def test_the_command_lists_its_sub_commands_and_tells_its_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert call([]) == call(["--version"]) == 0
+    *lines, last = capsys.readouterr().out.splitlines()
+    assert set(COMMANDS) <= {line.split()[0] for line in lines if line} and last == f"sgslam {version('sgslam')}"
+
+
 def test_dumped_settings_are_read_back(tmp_path: Path) -> None:
     file, changes = tmp_path / "mine.yaml", ["odometry.voxel_size=0.4", "tracking.mount=[0, 12, 0]"]
     done = run("dump-config", *(word for change in changes for word in ("--set", change)), "--out", file)
@@ -66,11 +73,32 @@ def test_the_doctor_finds_a_missing_an_old_and_a_crashing_library(
 ) -> None:
     wanted = [Requirement("no-such-package-of-ours>=1"), Requirement("numpy<1")]
     python, _, _ = installed.required()
-    monkeypatch.setattr(installed, "required", lambda: (python, wanted, {}))
+    monkeypatch.setattr(installed, "required", lambda: (python, wanted, {"more": wanted}))
+    assert list(installed.extras()) == [("more", "no-such-package-of-ours, numpy")]
     for (_, (well, message)), needed in zip(installed.requirements(), wanted, strict=True):
         assert not well and f"pip install '{needed}'" in message
     (tmp_path / "gtsam.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGILL)\n")
     monkeypatch.syspath_prepend(tmp_path)  # as one built for another processor
-    well, message = run_self_test("gtsam")
+    well, message = doctor.run_self_test("gtsam")
     assert not well and "SIGILL" in message
-    assert run_self_test("shapely")[0]
+    assert doctor.run_self_test("shapely")[0]
+
+
+@pytest.mark.parametrize(
+    ("limit", "said"), [("1.5", "FAIL 0.5 GB available; a run needs 2"), ("?", "note unknown (ValueError")]
+)
+def test_the_doctor_knows_what_a_container_leaves(
+    limit: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(doctor, "_CGROUP", tmp_path)
+    (tmp_path / "memory.max").write_text(limit.replace("1.5", "1500000000\n"))
+    (tmp_path / "memory.current").write_text("1000000000\n")
+    found = doctor._memory()
+    assert f"{found.state} {found.message}".startswith(said)
+
+
+def test_the_doctor_tries_the_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").write_text("")
+    for folder, state in (("new", "ok"), ("file", "note")):
+        monkeypatch.setenv("SGSLAM_CACHE_DIR", str(tmp_path / folder))
+        assert doctor._cache().state == state

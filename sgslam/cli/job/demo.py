@@ -5,7 +5,7 @@ from pathlib import Path
 
 from data.common.errors import UserError
 from data.generation.demo_building import DEMO_STOREYS, write_demo_building
-from data.plans import load_bim
+from data.scene_graph import Floor, SceneGraph
 from data.simulation.simulate import simulate
 from sgslam.anchoring import check_storey
 
@@ -18,9 +18,10 @@ def make_demo(options: argparse.Namespace, out: Path) -> None:
     options.out, options.bim, drive = out, out / "demo_building.ifc", out / "demo_drive"
     if drive.exists():
         raise UserError(f"{out}: contains a demo already; give another --out")
+    floors = tuple(Floor(name, name) for name in DEMO_STOREYS)
+    check_storey(SceneGraph("bim", floors=floors), options.storey)  # before anything is written
     print(f"demo: writing a building with two storeys to {options.bim}")
     write_demo_building(options.bim)
-    check_storey(load_bim(options.bim).graph, options.storey)  # report an unknown storey before the simulation
     names = " and ".join(f"'{name}'" for name in DEMO_STOREYS)
     print(f"demo: simulating a LiDAR drive through {names} in {drive}")
     simulate(options.bim, DEMO_STOREYS, drive, seed=options.seed, min_rooms=4, min_length=30.0)

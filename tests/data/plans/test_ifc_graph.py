@@ -41,10 +41,13 @@ def two_rooms(model: IfcModel, z: float, name: str, spaces: str = "AB") -> None:
             model.prism("IfcSpace", area, (z, z + 2.5), storey, f"{name}-{room}")
 
 
-TWO_ROOMS: list[Side] = [
-    ("A", 1, 0, 0.0, 5.0), ("A", -1, 0, -4.0, 5.0), ("A", 0, 1, 0.0, 4.0), ("A", 0, -1, -5.0, 4.0),
-    ("B", 1, 0, 4.2, 5.0), ("B", -1, 0, -8.2, 5.0), ("B", 0, 1, 0.0, 4.0), ("B", 0, -1, -5.0, 4.0),
-]  # fmt: skip
+def sides_of(room: str, x: float, width: float, depth: float) -> list[Side]:
+    """Of a room from (x, 0) on."""
+    across: list[Side] = [(room, 1, 0, x, depth), (room, -1, 0, -x - width, depth)]
+    return [*across, (room, 0, 1, 0.0, width), (room, 0, -1, -depth, width)]
+
+
+TWO_ROOMS = sides_of("A", 0.0, 4.0, 5.0) + sides_of("B", 4.2, 4.0, 5.0)
 
 
 def indoors(graph: SceneGraph) -> list[WallSurface]:
@@ -139,9 +142,7 @@ def read(model: IfcModel, folder: Path) -> SceneGraph:
     return read_ifc(model.save(folder / "m.ifc"))[0]
 
 
-ONE_ROOM: list[Side] = [
-    ("room", 1, 0, 0, 4.0), ("room", -1, 0, -6, 4.0), ("room", 0, 1, 0, 6.0), ("room", 0, -1, -4, 6.0)
-]  # fmt: skip
+ONE_ROOM = sides_of("room", 0.0, 6.0, 4.0)
 
 
 @pytest.mark.parametrize("inset", [-0.15, 0.0, 0.02, 0.08], ids=["centre lines", "faces", "plaster", "lining"])

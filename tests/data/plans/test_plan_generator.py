@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from data import SceneGraph
-from data.generation.buildings import KINDS, generate_plan
+from data.generation.buildings import KINDS, MOST_SURFACES, generate_plan
 
 SEEDS = range(4)
 THINNEST = 0.1
@@ -17,6 +17,13 @@ def assert_rooms_are_a_wall_apart(graph: SceneGraph) -> None:
         assert all(r.is_valid and r.area > 1.0 for r in rooms)
         near = shapely.STRtree(rooms).query(rooms, predicate="dwithin", distance=THINNEST - 1e-3)
         assert np.array_equal(near[0], near[1])  # each is near itself alone
+
+
+@pytest.mark.slow
+def test_a_campus_is_large_and_its_buildings_do_not_overlap() -> None:
+    graph = generate_plan("campus", 0).graph
+    assert 1000 < len(graph.wall_surfaces) < MOST_SURFACES
+    assert_rooms_are_a_wall_apart(graph)
 
 
 @pytest.mark.slow

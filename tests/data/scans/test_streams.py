@@ -15,6 +15,7 @@ from bag_files import lidar_bag
 from data.bags.recovery import Recovery
 from data.common.errors import UserError
 from data.streams import Arrival, GrowingFolder, McapPipe, ScanStream
+from data.streams.growing_stamps import GrowingStamps
 
 SOON = 5.0  # s, within which a busy machine notices
 POINTS = np.random.default_rng(0).normal(size=(50, 3)).astype(np.float32)
@@ -66,6 +67,32 @@ def test_files_are_taken_in_their_order_with_those_that_were_there_before(tmp_pa
         assert stamps_of(arrivals, 1) == [14_500_000_000]
     assert [(own.name, own.index) for own in stream.skipped] == [("10.75.npy", 4), ("13.5.npy", 5)]
     assert "came after 12.5.npy" in stream.skipped[0].reason
+
+
+def test_a_stamp_far_ahead_costs_only_its_own_scan(tmp_path: Path) -> None:
+    (tmp_path / "times.txt").write_text("1\n1.1\n99\n1.2\n")
+    for k in range(4):
+        np.save(tmp_path / f"{k}.npy", POINTS)
+        os.utime(tmp_path / f"{k}.npy", (0, 0))
+    stream = GrowingFolder(tmp_path)
+    with coming(stream) as arrivals:
+        assert stamps_of(arrivals, 3) == [1_000_000_000, 1_100_000_000, 1_200_000_000]
+    assert [own.name for own in stream.skipped] == ["2.npy"]
+
+
+def test_stamps_come_from_a_times_txt_that_grows_or_from_all_names(tmp_path: Path) -> None:
+    scan, times = tmp_path / "scans" / "0.npy", tmp_path / "times.txt"
+    times.write_text("# seconds\n1.5\n2.")
+    stamps = GrowingStamps(scan.parent)
+    assert [stamps.stamp_ns(k, scan) for k in range(2)] == [1_500_000_000, None] and not stamps.are_guessed
+    times.write_text(times.read_text() + "25\nlate\n")
+    with pytest.raises(UserError, match=r"times\.txt, line 4: .*one stamp"):
+        stamps.stamp_ns(1, scan)
+    assert stamps.stamp_ns(1, scan) == 2_250_000_000
+    stamps = GrowingStamps(tmp_path / "other" / "folder")
+    assert stamps.stamp_ns(0, Path("1.5.npy")) == 1_500_000_000
+    with pytest.raises(UserError, match="its name carries no stamp"):
+        stamps.stamp_ns(1, Path("a.npy"))
 
 
 def test_a_pipes_scan_comes_with_its_record_and_what_is_cut_off_is_told(tmp_path: Path) -> None:

@@ -14,7 +14,8 @@ from data.imu import read_imu
 from data.scans import ScanFolder
 from data.simulation import SpinningSensor
 from data.simulation.carriers import HANDHELD, Recorded, carrier_named
-from data.simulation.drive import plan_drive
+from data.simulation.carriers.shaken import Shaken
+from data.simulation.drive import Robot, plan_drive
 from data.simulation.imu import RATE as IMU_RATE
 from data.simulation.imu import imu_named
 from data.simulation.sensors import SENSORS, sensor_named
@@ -55,6 +56,19 @@ def test_a_recording_gives_its_attitude_height_and_pace(tmp_path: Path, pace: fl
     assert motion.ground(np.array([motion.duration]))[0, 0] == pytest.approx(90.0, abs=0.5)
 
 
+def test_one_who_is_shaken_turns_fast_meanwhile_and_walks_as_before() -> None:
+    shaken = Shaken(HANDHELD, begin=2.0, lasts=4.0)
+    drive = plan_drive([np.column_stack([np.linspace(0, 20, 2001), np.zeros(2001)])], 0.0, shaken.robot)
+    calm, moved = (carrier.motion(drive, 0.0, 1.2, seed=3) for carrier in (HANDHELD, shaken))
+    seconds = np.arange(0.0, 8.0, 0.01)
+    before, after = calm.poses(seconds), moved.poses(seconds)
+    assert moved.duration == calm.duration and np.array_equal(before[:, :3, 3], after[:, :3, 3])
+    off = Rotation.from_matrix(before[:, :3, :3].swapaxes(1, 2) @ after[:, :3, :3])
+    assert not off[(seconds < 2) | (seconds > 6)].magnitude().any()
+    rates = np.degrees((off[:-1].inv() * off[1:]).magnitude()) / 0.01
+    assert 240 < rates.max() < 330
+
+
 def test_wrong_names_and_recordings_are_refused(tmp_path: Path) -> None:
     short, still = written(tmp_path / "short.tum", 3.0), written(tmp_path / "still.tum", 20.0, 0.01)
     for call, message in (
@@ -65,6 +79,10 @@ def test_wrong_names_and_recordings_are_refused(tmp_path: Path) -> None:
         (lambda: carrier_named("handheld", pace=2.0), "not a recording"),
         (lambda: sensor_named("VLP-64"), "'VLP-64' is not known; give one of VLP-16"),
         (lambda: sensor_named("Mid-360", 900), "does not spin"),
+        (lambda: SpinningSensor(beams=0), "beams, azimuths and rate must be positive"),
+        (lambda: SpinningSensor(lowest_deg=20.0), "must rise from lowest to highest"),
+        (lambda: SpinningSensor(range_noise=-0.01), "the noise must not be negative"),
+        (lambda: Robot(radius=0.0), "robot: radius"),
         (lambda: imu_named("best"), "give one of mid360, tactical"),
     ):
         with pytest.raises(UserError, match=message):

@@ -19,15 +19,11 @@ def square(name: str, side: float) -> Room:
 
 
 LENGTHS = {"long": 3.0, "short": 1.0, "other": 2.0, "cupboard": 1.5}
-S = SceneGraph(
-    "map", (square("R1", 4), square("R2", 3), square("R3", 2)),
-    tuple(WallSurface(name, "R1", (0.0, 0.0), (1.0, 0.0), length) for name, length in LENGTHS.items()),
-)  # fmt: skip
+PIECES = tuple(WallSurface(name, "R1", (0.0, 0.0), (1.0, 0.0), length) for name, length in LENGTHS.items())
+S = SceneGraph("map", (square("R1", 4), square("R2", 3), square("R3", 2)), PIECES)
 # R2 and R3 are parts of one room, `long` and `short` pieces of one wall; the cupboard is in no plan.
-TRUTH = TrueMatches(
-    {"R1": "A1", "R2": "A2", "R3": "A2"}, {"long": "a", "short": "a", "other": "b"}, (0.5, 10.0, 20.0), "ground",
-    (100.0, 0.0),
-)  # fmt: skip
+TRUE_ROOMS, TRUE_WALLS = {"R1": "A1", "R2": "A2", "R3": "A2"}, {"long": "a", "short": "a", "other": "b"}
+TRUTH = TrueMatches(TRUE_ROOMS, TRUE_WALLS, (0.5, 10.0, 20.0), "ground", (100.0, 0.0))
 
 
 def answer(rooms: str = "", walls: str = "", **changes: Any) -> MatchResult:
@@ -81,19 +77,20 @@ def placed(off_m: float, turned_deg: float) -> tuple[float, float, float]:
 
 
 @pytest.mark.parametrize(
-    ("off_m", "turned_deg", "wrong", "wrong_if_bent"),
+    ("motions", "wrong", "wrong_if_bent"),  # metres and degrees off
     [
-        (0.49, 4.9, False, False), (0.51, 0.0, True, False), (0.0, 5.1, True, False), (0.99, -7.9, True, False),
-        (1.01, 0.0, True, True), (0.0, 8.1, True, True), (0.0, 180.0, True, True), (0.0, 359.0, False, False),
-        (float("nan"), 0.0, True, True),
+        ([(0.49, 4.9), (0.0, 359.0)], False, False),
+        ([(0.51, 0.0), (0.0, 5.1), (0.99, -7.9)], True, False),
+        ([(1.01, 0.0), (0.0, 8.1), (0.0, 180.0), (float("nan"), 0.0)], True, True),
     ],
-)  # fmt: skip
+)
 def test_a_unique_answer_is_wrong_by_its_motion(
-    off_m: float, turned_deg: float, wrong: bool, wrong_if_bent: bool
+    motions: list[tuple[float, float]], wrong: bool, wrong_if_bent: bool
 ) -> None:
-    given = answer("R1-A1", T_a_s=placed(off_m, turned_deg))
-    assert unique_is_wrong(given, TRUTH) is wrong
-    assert unique_is_wrong(given, TRUTH, bent=True) is wrong_if_bent
+    for motion in motions:
+        given = answer("R1-A1", T_a_s=placed(*motion))
+        assert unique_is_wrong(given, TRUTH) is wrong
+        assert unique_is_wrong(given, TRUTH, bent=True) is wrong_if_bent
 
 
 @pytest.mark.parametrize(

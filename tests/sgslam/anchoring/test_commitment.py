@@ -74,6 +74,9 @@ def answered(pairs: int = 8, place: tuple[float, float, float] = HERE, by_room: 
     return PlacedMatch(match, np.array(place), by_room)
 
 
+Confirmed = tuple[int, int, int, tuple[float, float, float]]
+
+
 def matching(partial: bool = False, planned: int = 10) -> FloorMatching:
     plan = Plan(SceneGraph("bim", (), tuple(replace(WALL, id=f"a{k}") for k in range(planned))), partial)
     return FloorMatching(plan, None, AnchorSettings())  # type: ignore[arg-type]  # nothing is asked of it
@@ -82,13 +85,15 @@ def matching(partial: bool = False, planned: int = 10) -> FloorMatching:
 @pytest.mark.parametrize(
     ("others", "partial", "rejected"),
     [
-        ([(88.1, (0.0, 3.0, 0.0), "eg")], False, True), ([(87.9, (0.0, 3.0, 0.0), "eg")], False, False),
-        ([(99.0, (0.0, 0.99, 0.0), "eg")], False, False), ([(99.0, (0.0, 1.01, 0.0), "eg")], False, True),
+        ([(88.1, (0.0, 3.0, 0.0), "eg")], False, True),
+        ([(87.9, (0.0, 3.0, 0.0), "eg")], False, False),
+        ([(99.0, (0.0, 0.99, 0.0), "eg")], False, False),
+        ([(99.0, (0.0, 1.01, 0.0), "eg")], False, True),
         ([(99.0, HERE, "og")], False, True),  # on another storey
         ([(99.0, (0.0, 3.0, 0.0), "eg")], True, False),  # a partial plan has rules of its own
         ([], False, False),
     ],
-)  # fmt: skip
+)
 def test_an_answer_is_rejected_where_another_place_has_nearly_its_evidence(
     others: list[tuple[float, tuple[float, float, float], str]], partial: bool, rejected: bool
 ) -> None:
@@ -99,20 +104,20 @@ def test_an_answer_is_rejected_where_another_place_has_nearly_its_evidence(
 
 
 @pytest.mark.parametrize(
-    ("pairs", "planned", "keyframes", "place", "sure"),
+    ("sure", "unsure"),  # pairs, walls of the plan, keyframes, place
     [
-        (8, 10, 16, HERE, True), (8, 10, 15, HERE, False),  # six keyframes later
-        (7, 10, 16, HERE, False), (7, 7, 16, HERE, True),  # with eight walls, or all of the plan
-        (8, 10, 16, (0.0, 1.0, 0.0), True), (8, 10, 16, (0.0, 1.01, 0.0), False),  # at the same place
-        (8, 10, 16, (0.087, 0.0, 0.0), True), (8, 10, 16, (-0.088, 0.0, 0.0), False),  # and with the same heading
+        ((8, 10, 16, HERE), (8, 10, 15, HERE)),  # six keyframes later
+        ((7, 7, 16, HERE), (7, 10, 16, HERE)),  # with eight walls, or all of the plan
+        ((8, 10, 16, (0.0, 1.0, 0.0)), (8, 10, 16, (0.0, 1.01, 0.0))),  # at the same place
+        ((8, 10, 16, (0.087, 0.0, 0.0)), (8, 10, 16, (-0.088, 0.0, 0.0))),  # and with the same heading
     ],
-)  # fmt: skip
-def test_an_answer_that_is_not_clear_waits_for_a_larger_map_to_confirm_it(
-    pairs: int, planned: int, keyframes: int, place: tuple[float, float, float], sure: bool
-) -> None:
-    own = matching(planned=planned)
-    assert not own.is_sure(answered(pairs), scene(10), last=False)
-    assert own.is_sure(answered(pairs, place), scene(keyframes), last=False) is sure
+)
+def test_an_answer_that_is_not_clear_waits_for_a_larger_map_to_confirm_it(sure: Confirmed, unsure: Confirmed) -> None:
+    for case in (sure, unsure):
+        pairs, planned, keyframes, place = case
+        own = matching(planned=planned)
+        assert not own.is_sure(answered(pairs), scene(10), last=False)
+        assert own.is_sure(answered(pairs, place), scene(keyframes), last=False) is (case is sure)
 
 
 def test_the_last_answer_is_sure_with_a_complete_plan_and_one_by_a_room_when_the_map_has_grown() -> None:

@@ -45,18 +45,19 @@ def test_walls_in_the_free_space_of_the_other_map_conflict(
 
 
 @pytest.mark.parametrize(
-    ("x", "heading", "conflicts"),
+    ("conflicting", "others"),  # x and heading
     [
-        (4.0, 0.0, True), (0.31, 0.0, True), (0.29, 0.0, False), (0.19, 0.0, False),  # from 0.3 m inside the outline on
-        (5.19, 0.0, False), (5.21, 0.0, True), (5.19, 20.0, True), (5.19, 17.0, False),  # a wall that the other map has
+        ([(4.0, 0.0), (0.31, 0.0)], [(0.29, 0.0), (0.19, 0.0)]),  # from 0.3 m inside the outline on
+        ([(5.21, 0.0), (5.19, 20.0)], [(5.19, 0.0), (5.19, 17.0)]),  # a wall that the other map has
     ],
-)  # fmt: skip
+)
 def test_a_wall_within_free_space_conflicts_unless_the_other_map_has_it_too(
-    x: float, heading: float, conflicts: bool
+    conflicting: list[tuple[float, float]], others: list[tuple[float, float]]
 ) -> None:
     inner = (5.0, 2.0, 0.0)
-    share = conflict_share(with_screens(WIDE, inner, (x, 0.2, heading)), with_screens(WIDE, inner), HERE)
-    assert (share > 0) is conflicts
+    for x, heading in (*conflicting, *others):
+        share = conflict_share(with_screens(WIDE, inner, (x, 0.2, heading)), with_screens(WIDE, inner), HERE)
+        assert (share > 0) is ((x, heading) in conflicting)
 
 
 def test_walls_count_by_their_length_and_those_of_unknown_length_do_not() -> None:

@@ -78,19 +78,19 @@ def unique(*scores: float) -> MatchResult:
 
 
 @pytest.mark.parametrize(
-    ("judge", "scores", "expected"),
+    ("judge", "enough", "too_little"),
     [
-        (is_clear, (60.0, 35.9), True), (is_clear, (60.0, 36.0), False), (is_clear, (60.0, 1.0, 36.0), False),
-        (is_clear, (40.0,), True), (is_clear, (39.9,), False), (is_clear, (), False),
-        (is_strong, (50.0, 50.0), True), (is_strong, (49.9,), False), (is_strong, (), False),
-        (is_overwhelming, (100.0, 100.0), True), (is_overwhelming, (99.9,), False), (is_overwhelming, (), False),
+        (is_clear, [(60.0, 35.9), (40.0,)], [(60.0, 36.0), (60.0, 1.0, 36.0), (39.9,), ()]),
+        (is_strong, [(50.0, 50.0)], [(49.9,), ()]),
+        (is_overwhelming, [(100.0, 100.0)], [(99.9,), ()]),
     ],
-)  # fmt: skip
+)
 def test_an_answer_is_clear_or_strong_by_its_evidence(
-    judge: Callable[[Match], bool], scores: tuple[float, ...], expected: bool
+    judge: Callable[[Match], bool], enough: list[tuple[float, ...]], too_little: list[tuple[float, ...]]
 ) -> None:
-    assert judge(unique(*scores)) is expected
-    assert not judge(replace(unique(*scores), status="ambiguous"))
+    assert all(judge(unique(*scores)) for scores in enough)
+    assert not any(judge(unique(*scores)) for scores in too_little)
+    assert not any(judge(replace(unique(*scores), status="ambiguous")) for scores in enough)
 
 
 @pytest.mark.parametrize(

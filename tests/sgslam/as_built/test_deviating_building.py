@@ -56,13 +56,10 @@ def test_walls_that_are_moved_missing_extra_or_closed_are_reported_and_do_not_di
     step = OFF * along
     north = next(w for w in graph.surfaces_of_room[store.id] if w.source in long and None in rooms[w.source])
     opened = ((north.source, -2.45, -0.8, True), (north.source, 0.8, 2.45, True))
-    walls = [
-        WallSurface(
-            f"across/{k}", hall.id, xy(np.array(hall.centroid) + 0.06 * k * along), xy(k * along), 2.8, hall.floor,
-            "across", (0.0, 2.5),
-        )
-        for k in (-1, 1)
-    ]  # fmt: skip
+    walls = []
+    for k in (-1, 1):
+        middle, normal = xy(np.array(hall.centroid) + 0.06 * k * along), xy(k * along)
+        walls.append(WallSurface(f"across/{k}", hall.id, middle, normal, 2.8, hall.floor, "across", (0.0, 2.5)))
     for wall in graph.wall_surfaces:
         if wall.source == between:
             wall = replace(wall, centroid=xy(np.array(wall.centroid) + step), plane=None)

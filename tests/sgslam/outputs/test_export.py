@@ -51,7 +51,7 @@ def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
     graph.save(out / "a_graph.json")
     SceneGraph("map", (), (extra,), (), (Floor("floor-0", "", -0.8),)).save(out / "s_graph.json")
     deviations = [entry("moved", moved, 0.15), entry("moved", moved, 0.01, significant=False), entry("absent", absent)]
-    deviations += [entry("moved", stands, -0.004, significant=False), entry("extra", None, s_id="w9")]
+    deviations += [entry("moved", stands, -0.004, significant=False), entry("extra", None, s_id="w9", source="w")]
     (out / "deviations.json").write_text(json.dumps(deviations))
     pose = [3000.0, -2000.0, 41.0, 0.0, 0.0, np.sin(YAW / 2), np.cos(YAW / 2)]
     (out / "metrics.json").write_text(json.dumps({"T_bim_map": pose}))

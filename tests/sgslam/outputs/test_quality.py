@@ -2,10 +2,12 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
-from boxes import Array
+from boxes import Array, pose
+from numpy.typing import NDArray
 
 from data import Door, Floor, SceneGraph, WallSurface
 from data.trajectory import Trajectory
@@ -30,11 +32,25 @@ def trajectory(positions: Array) -> Trajectory:
     return Trajectory(np.arange(len(positions)) * 10**8, poses)
 
 
+def known(deviations: Array, anchored: NDArray[np.bool_], cause: int | NDArray[np.int64] = 0) -> ScanUncertainty:
+    """`cause` why a scan is not anchored: 1 it is lost, 2 it is in another part."""
+    n, why = len(deviations), np.broadcast_to(cause, len(deviations))
+    health: Any = tuple("lost" if c == 1 else "good" for c in why)
+    return ScanUncertainty(np.arange(n), deviations, (why == 2).astype(np.int64), ("",) * n, anchored, health)
+
+
 def judged(
-    lost: int = 0, sigma: float = 0.1, walls_seen: tuple[int, ...] = (4,) * 10, tilt: float | None = None,
-    plan: SceneGraph | None = None, sure: int = SCANS, bend: float = 0.0, begins: tuple[int, ...] = (0,),
-    unplaced: int = 0, left_out: tuple[int, ...] = (),
-) -> Quality:  # fmt: skip
+    lost: int = 0,
+    sigma: float = 0.1,
+    walls_seen: tuple[int, ...] = (4,) * 10,
+    tilt: float | None = None,
+    plan: SceneGraph | None = None,
+    sure: int = SCANS,
+    bend: float = 0.0,
+    begins: tuple[int, ...] = (0,),
+    unplaced: int = 0,
+    left_out: tuple[int, ...] = (),
+) -> Quality:
     """Of a way of 10 m, first along x from the origin, of whose scans `sure` ones are anchored and have a sigma (m).
 
     The odometry leaves the way by up to `bend` (m), and is in another frame from each of the scans `begins` on. Scans
@@ -48,25 +64,15 @@ def judged(
     deviations = np.zeros((SCANS, 6))
     deviations[:, 0] = np.where(np.arange(SCANS) < sure, sigma, 9.0)
     anchored = (np.arange(SCANS) < sure) & ~np.isin(np.arange(SCANS), left_out)
-    uncertainty = ScanUncertainty(
-        np.arange(SCANS), deviations, np.zeros(SCANS, dtype=np.int64), ("",) * SCANS, anchored, ("good",) * SCANS,
-    )  # fmt: skip
-    T_bim_map = None
-    if tilt is not None:
-        c, s = np.cos(np.radians(tilt)), np.sin(np.radians(tilt))
-        T_bim_map = np.array([[1.0, 0, 0, 0], [0, c, -s, 0], [0, s, c, 0], [0, 0, 0, 1]])
-    maps = trajectory(positions), trajectory(odometry)
-    return quality_of(
-        *maps,
-        list(begins),
-        list(walls_seen),
-        uncertainty,
-        lost / SCANS,
-        unplaced / SCANS,
-        T_bim_map,
-        plan,
-        QualitySettings(),
-    )
+    uncertainty, shares = known(deviations, anchored), (lost / SCANS, unplaced / SCANS)
+    T_bim_map = None if tilt is None else pose(0.0, 0.0, roll=np.radians(tilt))
+    maps, seen = (trajectory(positions), trajectory(odometry)), (list(begins), list(walls_seen))
+    return quality_of(*maps, *seen, uncertainty, *shares, T_bim_map, plan, QualitySettings())
+
+
+def planned(*places: float) -> SceneGraph:
+    """Walls across the way, at x."""
+    return SceneGraph("bim", (), tuple(replace(WALL, id=f"w{x}", centroid=(x, 0.0)) for x in places))
 
 
 @pytest.mark.parametrize(
@@ -80,30 +86,24 @@ def judged(
         ("plan_tilt_deg", judged(tilt=0.99, plan=SceneGraph("bim")), judged(tilt=1.01, plan=SceneGraph("bim"))),
         ("map_against_odometry", judged(bend=0.099), judged(bend=0.101)),
         ("map_against_odometry", judged(bend=0.09, begins=(0, 30, 60)), judged(bend=0.2, begins=(0, 30, 60))),
+        ("planned_walls_crossed", judged(tilt=0.0, plan=planned(3.0)), judged(tilt=0.0, plan=planned(3.0, 5.0))),
     ],
-)  # fmt: skip
+)
 def test_a_signal_is_kept_up_to_its_limit(signal: str, inside: Quality, outside: Quality) -> None:
     assert inside[signal].ok and not outside[signal].ok
     assert inside[signal].limit == outside[signal].limit
     assert all(value.ok for name, value in outside.items() if name != signal)
 
 
-def test_walls_may_be_crossed_once() -> None:
-    walls = [replace(WALL, id=f"w{x}", centroid=(x, 0.0)) for x in (3.0, 5.0)]
-    for count in (1, 2):
-        found = judged(tilt=0.0, plan=SceneGraph("bim", (), tuple(walls[:count])))["planned_walls_crossed"]
-        assert (found.value, found.ok) == (count, count < 2)
-
-
 def test_only_a_way_that_was_followed_crosses_walls() -> None:
-    plan = SceneGraph("bim", (), tuple(replace(WALL, id=f"w{x}", centroid=(x, 0.0)) for x in (3.05, 5.05)))
+    plan = planned(3.05, 5.05)
     crossed = [k for k in range(1, SCANS) if judged(tilt=0.0, plan=plan, begins=(0, k))["planned_walls_crossed"].ok]
     assert len(crossed) == 2  # where the odometry begins again in one of the walls
     assert judged(tilt=0.0, plan=plan, left_out=(crossed[0],))["planned_walls_crossed"].value == 1
 
 
 def test_two_scans_that_follow_one_another_cross_a_wall() -> None:
-    plan = SceneGraph("bim", (), (replace(WALL, centroid=(3.05, 0.0)),))
+    plan = planned(3.05)
     alone = (judged(tilt=0.0, plan=plan, begins=(0, k))["planned_walls_crossed"].value for k in range(SCANS))
     after = next(k for k, crossed in enumerate(alone) if not crossed)
     for kept in ((after - 1, after), (after - 1,), (after,)):
@@ -113,10 +113,9 @@ def test_two_scans_that_follow_one_another_cross_a_wall() -> None:
 
 
 def test_a_place_is_contradicted_by_crossed_walls_and_by_a_tilt() -> None:
-    walls = tuple(replace(WALL, id=f"w{x}", centroid=(x, 0.0)) for x in (3.0, 5.0))
     assert contradiction(judged(sigma=9.0)) is None  # it has no place in a plan
-    assert contradiction(judged(tilt=0.99, plan=SceneGraph("bim", (), walls[:1]))) is None
-    crossed, tilted = (judged(tilt=t, plan=SceneGraph("bim", (), own)) for t, own in ((0.0, walls), (1.21, ())))
+    assert contradiction(judged(tilt=0.99, plan=planned(3.0))) is None
+    crossed, tilted = judged(tilt=0.0, plan=planned(3.0, 5.0)), judged(tilt=1.21, plan=planned())
     assert "crosses 2 walls" in str(contradiction(crossed))
     assert "planned_walls_crossed=2 accepts" in str(contradiction(crossed))
     assert "1.2 degrees" in str(contradiction(tilted)) and "plan_tilt=1.3 accepts" in str(contradiction(tilted))
@@ -138,11 +137,13 @@ def test_the_position_sigma_is_of_the_anchored_scans_or_of_all() -> None:
 @pytest.mark.parametrize(
     ("wall", "crossed"),
     [
-        (WALL, 1), (replace(WALL, length=None), 0), (replace(WALL, centroid=(5.0, 3.0)), 0),
+        (WALL, 1),
+        (replace(WALL, length=None), 0),
+        (replace(WALL, centroid=(5.0, 3.0)), 0),
         (replace(WALL, parts=((True, -2.0, -0.5, None), (True, 0.5, 2.0, None))), 0),  # an opening
         (replace(WALL, parts=((True, -2.0, 0.5, None), (True, 1.0, 1.0, None))), 1),
     ],
-)  # fmt: skip
+)
 def test_a_way_crosses_what_stands_of_a_wall(wall: WallSurface, crossed: int) -> None:
     there = way((0.0, 0.0, 0.0), (10.0, 0.0, 0.0))
     assert walls_crossed(there, SceneGraph("bim", (), (wall,))) == crossed
@@ -180,13 +181,8 @@ def test_a_way_of_single_scans_on_a_storey_crosses_nothing() -> None:
 
 def test_scans_that_are_not_anchored_are_counted_by_cause() -> None:
     def told(anchored: int, lost: int, apart: int, unsure: int) -> ScanUncertainty:
-        counts = (anchored, lost, apart, unsure)
-        cause = np.repeat(np.arange(4), counts)
-        health = tuple("lost" if c == 1 else "good" for c in cause)
-        return ScanUncertainty(
-            np.arange(len(cause)), np.zeros((len(cause), 6)), (cause == 2).astype(np.int64), ("",) * len(cause),
-            cause == 0, health,  # type: ignore[arg-type]
-        )  # fmt: skip
+        cause = np.repeat(np.arange(4), (anchored, lost, apart, unsure))
+        return known(np.zeros((len(cause), 6)), cause == 0, cause)
 
     assert what_is_not_anchored(told(9, 0, 0, 0)) == ""
     assert what_is_not_anchored(told(9, 0, 3, 0)) == "of 12 scans 3 are in parts that were not placed"

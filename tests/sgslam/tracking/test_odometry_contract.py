@@ -12,9 +12,11 @@ from odometries import LIMITS, REGISTERING, felt, make, registered
 from walks import SCAN_NS, SENSOR, bow, circle, from_file, furnished, off, rolling, step_errors
 
 from data import UserError
+from data.imu import ImuSamples
 from data.trajectory import Trajectory
-from sgslam.config import Config, OdometrySettings, TrackingSettings
+from sgslam.config import Config, ImuSettings, OdometrySettings, TrackingSettings
 from sgslam.geometry.frames import inverse, is_rigid, transform_points
+from sgslam.inertial import ImuBuffer
 from sgslam.odometry import METHODS, make_odometry
 from sgslam.odometry.choice import choose, health_note
 from sgslam.odometry.external import ExternalOdometry
@@ -25,6 +27,7 @@ from sgslam.slam import SceneGraphSlam
 
 NS = 1_000_000_000
 each = pytest.mark.parametrize("method", [*REGISTERING, "given"])
+LIDAR_INERTIAL = [param for param in REGISTERING if param.values[0] in INERTIAL]
 each_registering = pytest.mark.parametrize("method", REGISTERING)
 
 
@@ -203,13 +206,27 @@ def test_a_leap_of_the_scans_is_searched_and_found(method: str, mount: Array) ->
     assert metres < 0.3 and radians == pytest.approx(1.75, abs=0.1)
 
 
-@pytest.mark.parametrize("method", [param for param in REGISTERING if param.values[0] in INERTIAL])
+@pytest.mark.parametrize("method", LIDAR_INERTIAL)
 def test_a_lidar_inertial_odometry_asks_for_an_imu(method: str) -> None:
     settings = OdometrySettings(method=method)  # type: ignore[arg-type]
     with pytest.raises(UserError, match=f"{method}: needs an IMU"):
         make_odometry(settings, TrackingSettings())
     with pytest.raises(UserError, match=r"no sample of an IMU before the scan at 0.000000000 s.*add_imu"):
         SceneGraphSlam(config=Config(odometry=settings)).add_scan(0, bow()[0][0])
+
+
+@pytest.mark.parametrize("method", LIDAR_INERTIAL)
+def test_where_samples_of_the_imu_are_missing_it_starts_again(method: str, caplog: pytest.LogCaptureFixture) -> None:
+    """Between the sixth scan and the fourteenth."""
+    (scans, truth), imu = bow(), ImuBuffer(ImuSettings())
+    samples = felt(truth, SCAN_NS)
+    for there in (samples.stamps_ns < 6 * SCAN_NS, samples.stamps_ns > 13 * SCAN_NS):
+        imu.add(ImuSamples(samples.stamps_ns[there], samples.gyro[there], samples.accel[there]))
+    odometry = make_odometry(OdometrySettings(method=method), TrackingSettings(), imu)  # type: ignore[arg-type]
+    found = [odometry.register(i * SCAN_NS, points) for i, points in enumerate(scans)]
+    assert "no samples of the IMU" in caplog.text and "starts a new local map" in caplog.text
+    assert {result.health for result in found[7:13]} == {"lost"} and found[-1].health != "lost"
+    assert np.median(step_errors(found[16:], truth[16:])[:, 0]) < 2 * LIMITS[method].step
 
 
 @pytest.mark.long
