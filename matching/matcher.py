@@ -9,7 +9,7 @@ from typing import Protocol
 from data.common.errors import UserError
 from data.scene_graph import SceneGraph, implausible
 from matching.arrays import Walls, arrays, storeys
-from matching.combinatorial import DEVELOP, GRID, CombinatorialMatcher
+from matching.combinatorial import CombinatorialMatcher
 from matching.result import Hypothesis, MatchResult
 from matching.search import Start, near_start
 from matching.search.assignment import assign
@@ -69,7 +69,7 @@ class Matcher:
                 `voting`: wall corners vote for motions, which are verified; no weights, no network;
                 `paper`: the published GATv2-Sinkhorn matcher; its assignment is the answer, without verification;
                 `pca-gm`, `superglue`: these networks on this project's features; their assignment is the answer;
-                `combinatorial`, `combinatorial-grid`: the search of iS-Graphs, as released and as in its later branch.
+                `combinatorial`: the search of iS-Graphs, which ends after 60 s at most.
                 `NAME@WEIGHTS` gives both name and weights, for example `paper@repository`.
             weights: A file of weights; for `paper` also `published` (the default) or `repository`. None loads the
                 weights that come with the package.
@@ -88,8 +88,7 @@ class Matcher:
             "learned": lambda: _learned(weights),
             "paper": lambda: _paper(weights),
             **{kind: partial(_baseline, kind, weights) for kind in BASELINES},
-            "combinatorial": lambda: CombinatorialMatcher(DEVELOP),
-            "combinatorial-grid": lambda: CombinatorialMatcher(GRID),
+            "combinatorial": CombinatorialMatcher,
         }
         if name not in methods:
             raise UserError(f"no matching method '{name}'; there are: {', '.join(methods)}")
