@@ -15,12 +15,9 @@ from matching.search import Start, near_start
 from matching.search.assignment import assign
 from matching.search.hypotheses import Placement, search
 from matching.search.verification import verify
-from matching.torch_extra import need_torch
 
 LISTED = 10  # hypotheses in the result, at most
-BASELINES = ("pca-gm", "superglue")
-WITH_WEIGHTS = ("learned", "paper", *BASELINES)
-WITH_TORCH = ("paper", *BASELINES)
+WITH_WEIGHTS = ("learned", "paper")
 
 
 class Method(Protocol):
@@ -68,7 +65,6 @@ class Matcher:
                 `learned`: a graph network proposes matches, which are verified geometrically (the default);
                 `voting`: wall corners vote for motions, which are verified; no weights, no network;
                 `paper`: the published GATv2-Sinkhorn matcher; its assignment is the answer, without verification;
-                `pca-gm`, `superglue`: these networks on this project's features; their assignment is the answer;
                 `combinatorial`: the search of iS-Graphs, which ends after 60 s at most.
                 `NAME@WEIGHTS` gives both name and weights, for example `paper@repository`.
             weights: A file of weights; for `paper` also `published` (the default) or `repository`. None loads the
@@ -79,7 +75,7 @@ class Matcher:
 
         Raises:
             UserError: The name is unknown, the method takes no weights, the file has no weights that fit, or PyTorch,
-                which `paper`, `pca-gm` and `superglue` need, is not installed.
+                which `paper` needs, is not installed.
         """
         name, _, named = method.partition("@")
         weights = named or weights
@@ -87,15 +83,12 @@ class Matcher:
             "voting": VotingMatcher,
             "learned": lambda: _learned(weights),
             "paper": lambda: _paper(weights),
-            **{kind: partial(_baseline, kind, weights) for kind in BASELINES},
             "combinatorial": CombinatorialMatcher,
         }
         if name not in methods:
             raise UserError(f"no matching method '{name}'; there are: {', '.join(methods)}")
         if weights is not None and name not in WITH_WEIGHTS:
             raise UserError(f"the matching method '{name}' takes no weights; {', '.join(WITH_WEIGHTS)} do")
-        if name in WITH_TORCH:
-            need_torch(f"the matching method '{name}'")
         return Matcher(methods[name]())
 
     def match(
@@ -133,15 +126,11 @@ def _learned(weights: Path | str | None) -> Method:
 
 
 def _paper(weights: Path | str | None) -> Method:
-    from matching.published.matcher import PaperMatcher
-
-    return PaperMatcher.load(weights)
-
-
-def _baseline(kind: str, weights: Path | str | None) -> Method:
-    from matching.published.baselines import BaselineMatcher
-
-    return BaselineMatcher.load(kind, weights)
+    try:
+        from matching.published.matcher import PaperMatcher, load_paper_network
+    except ModuleNotFoundError as error:
+        raise UserError(f"the matching method 'paper' needs {error.name}; pip install 'sgslam[torch]'") from None
+    return PaperMatcher(load_paper_network(weights or "published"))
 
 
 def _answer(found: list[Placement], candidates: list[Walls], began: float) -> MatchResult:
