@@ -1,20 +1,16 @@
 """`Matcher`: finds where an S-graph lies in an A-graph, by one of several methods."""
 
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Protocol
 
 from data.common.errors import UserError
 from data.scene_graph import SceneGraph, implausible
-from matching.combinatorial import DEVELOP, GRID, CombinatorialMatcher
+from matching.combinatorial import CombinatorialMatcher
 from matching.result import MatchResult
 from matching.search import Start
-from matching.torch_extra import need_torch
 
-BASELINES = ("pca-gm", "superglue")
-WITH_WEIGHTS = ("learned", "paper", *BASELINES)
-WITH_TORCH = ("paper", *BASELINES)
+WITH_WEIGHTS = ("learned", "paper")
 
 
 class Method(Protocol):
@@ -41,8 +37,7 @@ class Matcher:
                 `learned`: a graph network proposes matches of walls, which are placed and verified (the default);
                 `voting`: the same, but the proposals are votes of wall corners; no weights, no network;
                 `paper`: the published GATv2-Sinkhorn matcher; its assignment is the answer, without verification;
-                `pca-gm`, `superglue`: these networks on this project's features; their assignment is the answer;
-                `combinatorial`, `combinatorial-grid`: the search of iS-Graphs, as released and as in its later branch.
+                `combinatorial`: the search of iS-Graphs, which ends after 60 s at most.
                 `NAME@WEIGHTS` gives both name and weights, for example `paper@repository`.
             weights: A file of weights; for `paper` also `published` (the default) or `repository`. None loads the
                 weights that come with the package.
@@ -52,7 +47,7 @@ class Matcher:
 
         Raises:
             UserError: The name is unknown, the method takes no weights, the file has no weights that fit, or PyTorch,
-                which `paper`, `pca-gm` and `superglue` need, is not installed.
+                which `paper` needs, is not installed.
         """
         name, _, named = method.partition("@")
         weights = named or weights
@@ -60,16 +55,12 @@ class Matcher:
             "voting": _voting,
             "learned": lambda: _learned(weights),
             "paper": lambda: _paper(weights),
-            **{kind: partial(_baseline, kind, weights) for kind in BASELINES},
-            "combinatorial": lambda: CombinatorialMatcher(DEVELOP),
-            "combinatorial-grid": lambda: CombinatorialMatcher(GRID),
+            "combinatorial": CombinatorialMatcher,
         }
         if name not in methods:
             raise UserError(f"no matching method '{name}'; there are: {', '.join(methods)}")
         if weights is not None and name not in WITH_WEIGHTS:
             raise UserError(f"the matching method '{name}' takes no weights; {', '.join(WITH_WEIGHTS)} do")
-        if name in WITH_TORCH:
-            need_torch(f"the matching method '{name}'")
         return Matcher(methods[name]())
 
     def match(
@@ -114,12 +105,8 @@ def _learned(weights: Path | str | None) -> Method:
 
 
 def _paper(weights: Path | str | None) -> Method:
-    from matching.published.matcher import PaperMatcher
-
-    return PaperMatcher.load(weights)
-
-
-def _baseline(kind: str, weights: Path | str | None) -> Method:
-    from matching.published.baselines import BaselineMatcher
-
-    return BaselineMatcher.load(kind, weights)
+    try:
+        from matching.published.matcher import PaperMatcher, load_paper_network
+    except ModuleNotFoundError as error:
+        raise UserError(f"the matching method 'paper' needs {error.name}; pip install 'sgslam[torch]'") from None
+    return PaperMatcher(load_paper_network(weights or "published"))

@@ -1,17 +1,10 @@
-"""Small jobs that check the installation: PyTorch, a matcher's first result, a network file for readers."""
+"""Small jobs that check the installation: a matcher's first result, a network file for readers."""
 
 from pathlib import Path
 
 from data.common.compiling import once_on_two_cores
 from data.scene_graph import Door, Room, SceneGraph, WallSurface
 from matching.matcher import Matcher
-
-
-def work() -> None:
-    """Raises if PyTorch does not work on this machine."""
-    import torch  # slow to import
-
-    assert float((torch.eye(3) @ torch.ones(3)).sum()) == 3
 
 
 def make_ready(matcher: Matcher, method: str) -> None:

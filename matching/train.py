@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from data.common.cli import Parser, add_workers, run_command
 from data.common.errors import UserError
-from matching.torch_extra import need_torch
 
 if TYPE_CHECKING:
     from data.plans.sources import Plan
@@ -24,10 +23,11 @@ def main(arguments: list[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else arguments
     options = _parser().parse_args(given)
     _check(options)
-    need_torch("training")
+    try:
+        import torch  # slow to import, as is what follows
+    except ModuleNotFoundError:
+        raise UserError("training needs PyTorch; pip install 'sgslam[torch]'") from None
     own, others = _split(options.plans)
-
-    import torch  # slow to import, as is what follows
 
     from matching.learned.torch_weights import save_network
     from matching.learned.weights_file import SUFFIX

@@ -1,13 +1,11 @@
 """What all matchers share: proposals, a rough start, and the motion that fits matched walls."""
 
 from matching.search.proposals import Proposals, TopK
-from matching.search.rigid_fit import fit_pairs
 from matching.search.start import Start, near_start
 
 __all__ = [
     "Proposals",
     "Start",
     "TopK",
-    "fit_pairs",
     "near_start",
 ]

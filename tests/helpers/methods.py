@@ -9,7 +9,7 @@ from plans import a_graph, box, flat
 from data import SceneGraph
 from matching import Matcher
 
-METHODS = ("learned", "voting", "paper", "pca-gm", "superglue", "combinatorial", "combinatorial-grid")
+METHODS = ("learned", "voting", "paper", "combinatorial")
 VERIFYING = ("learned", "voting")  # they compare every place with the others before they call one unique
 
 # no mirror image of these rooms fits them
