@@ -15,24 +15,24 @@ MOST_LOG_ODDS = 50.0
 class Calibration:
     """Models of probabilities; evidence is in nats.
 
-    `place` are the coefficients of the log odds that the map is in the plan: of the evidence of the best hypothesis, of
-    the number of walls that it leaves unexplained (both count up to `saturation`), of the logarithm of the number of
-    places in the plan, and a constant (J. Platt: Probabilistic outputs for support vector machines, 1999).
+    `place` are the coefficients of the log odds that the map is in the plan: of the evidence of the best hypothesis, up
+    to `saturation`, of the share of the map, by length of walls, that it leaves unexplained, of the logarithm of the
+    number of places in the plan, and a constant (J. Platt: Probabilistic outputs for support vector machines, 1999).
     `separation` (a, b): hypotheses are as likely as a softmax of their evidence over a + b times the number of
     unexplained walls says: at another place as much may differ from the plan. `room` and `surface` (offset, slope): the
     log odds of a pair at the right place in those of its share among what stood to choose.
     """
 
     place: tuple[float, float, float, float]
-    saturation: tuple[float, float]
+    saturation: float
     separation: tuple[float, float]
     room: tuple[float, float]
     surface: tuple[float, float]
 
     def in_plan(self, evidence: float, unexplained: float, places: float) -> float:
         """The probability that the map is in the plan; `places` is the logarithm of their number."""
-        features = (*map(min, (evidence, unexplained), self.saturation), places, 1.0)
-        return probability(sum(of * value for of, value in zip(self.place, features, strict=True)))
+        of, share, number, constant = self.place
+        return probability(of * min(evidence, self.saturation) + share * unexplained + number * places + constant)
 
     def best_of(self, evidence: Sequence[float], unexplained: float) -> float:
         """The probability that the first hypothesis is the right one, if one of them is."""
@@ -53,6 +53,6 @@ def probability(log_odds: float) -> float:
 @cache
 def shipped() -> Calibration:
     """The calibration that comes with the package."""
-    names = Calibration.__dataclass_fields__
     stored = json.loads(SHIPPED.read_text(encoding="utf-8"))
-    return Calibration(**{name: tuple(stored[name]) for name in names})
+    names = ("place", "separation", "room", "surface")
+    return Calibration(saturation=stored["saturation"], **{name: tuple(stored[name]) for name in names})

@@ -15,8 +15,8 @@ from matching.engine.field_loops import SIGMA_SCORE
 from matching.engine.hypotheses import Hypotheses
 from matching.result import Status
 
-SURE = 0.98  # probability that the map is in the plan, and that it is in this place, of an answer that is unique
-LEAST_FRACTION = 0.5  # of the map's walls, by length: where a plan explains less, it is not the map's
+SURE = 0.99  # probability that the map is in the plan, and that it is in this place, of an answer that is unique
+MOST_UNEXPLAINED = 0.5  # of the map's walls, by length: where more is, that is the reason
 PLACES_PER_M2 = 40.0  # that a vote can separate: four directions of the grid, a third of a metre
 
 
@@ -31,12 +31,12 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Signs:
-    """What the verdict is based on: evidence (K,) in nats of the hypotheses, best first, the share of the map's walls,
-    by length, that the first explains, the number of the others, and the logarithm of the number of places in the plan.
-    """
+    """What the verdict is based on: evidence (K,) in nats of the hypotheses, best first; the share of the map's walls,
+    by length, that the first does not explain, and how many walls that is; the logarithm of the number of places in
+    the plan."""
 
     evidence: tuple[float, ...]
-    fraction: float
+    share: float
     unexplained: float
     places: float
 
@@ -45,22 +45,20 @@ class Signs:
         """Of at least one hypothesis."""
         s, storeys = found.scene.s, found.scene.plan.storeys
         now = judge(found.scene, found.table[:1], found.fields.state[:1], SIGMA_SCORE)
-        fraction = float(s.half @ now.quality[0].max(axis=1, initial=0.0) / s.half.sum())
+        share = 1 - float(s.half @ now.quality[0].max(axis=1, initial=0.0) / s.half.sum())
         places = float(np.log(PLACES_PER_M2 * sum(a.area for a in storeys)))
-        return Signs(tuple(found.score.tolist()), fraction, (1 - fraction) * len(s), places)
+        return Signs(tuple(found.score.tolist()), share, share * len(s), places)
 
 
 def verify(found: Hypotheses, pairs: Pairs) -> Verdict:
     """Returns the verdict on hypotheses, best first, at least one; `pairs` are the matches of the first."""
     calibration, signs = shipped(), Signs.of(found)
     own = matched(pairs, len(found.scene.s))
-    in_plan = calibration.in_plan(signs.evidence[0], signs.unexplained, signs.places)
+    in_plan = calibration.in_plan(signs.evidence[0], signs.share, signs.places)
     best = calibration.best_of(signs.evidence, signs.unexplained)
-    if signs.fraction < LEAST_FRACTION:
-        return Verdict("none", unexplained(signs.fraction, LEAST_FRACTION), in_plan * best)
     if in_plan < SURE:
-        reason = f"too little evidence at the best place ({own}): see more rooms"
-        return Verdict("none", reason, in_plan * best)
+        little = f"too little evidence at the best place ({own}): see more rooms"
+        return Verdict("none", little if signs.share < MOST_UNEXPLAINED else _unexplained(signs.share), in_plan * best)
     if best < SURE:
         near = [k for k in range(1, len(found)) if _is_near(calibration, signs, k)] or [1]
         floors = [str(found.scene.plan.storeys[int(found.fields.storey[k])].floor) for k in (0, *near)]
@@ -74,10 +72,11 @@ def _is_near(calibration: Calibration, signs: Signs, k: int) -> bool:
     return calibration.best_of((signs.evidence[0], signs.evidence[k]), signs.unexplained) < SURE
 
 
-def unexplained(fraction: float, least: float) -> str:
-    """The reason where the plan explains too small a fraction of the map."""
-    share = f"{100 * fraction:.0f} % of its walls' length at the best place"
-    return f"the plan does not explain the map: {share}, of at least {100 * least:.0f} % needed"
+def _unexplained(share: float) -> str:
+    """The reason where the plan leaves too large a share of the map unexplained."""
+    return (
+        f"the plan does not explain the map: {100 * share:.0f} % of its walls' length are elsewhere at the best place"
+    )
 
 
 def matched(pairs: Pairs, walls: int) -> str:

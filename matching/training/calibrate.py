@@ -36,8 +36,9 @@ SEEDS = 90  # of generated plans of each kind
 FOREIGN = 0.3  # share of maps of another plan
 RIGHT = 0.5  # of a hypothesis' wall pairs, by number, that are true
 COMPARED = 100  # hypotheses of a map whose truth is looked up: a tower has many equal places
-SATURATION = (60.0, 10.0)  # nats, walls: beyond, more of them does not make a place more or less certain
-SEPARATION = (1.0, 0.1)  # where its fit begins
+SATURATION = 60.0  # nats: beyond, more of them does not make a place more certain
+SEPARATION, START = (1.0, 0.1), (0.0, 0.0, 0.0, 0.0)  # where fits begin
+APART = 0.9  # probability of the best hypothesis among all: of such maps, those in the plan are fitted
 RIDGE = 1e-4  # of the standardised coefficients
 
 
@@ -121,8 +122,10 @@ def fit(answers: Sequence[Answer]) -> Calibration:
         return float(np.mean([_surprise(a, *np.exp(scale)) for a in found]))
 
     separation = np.exp(minimize(loss, np.log(SEPARATION), method="Nelder-Mead").x)
-    signs = [(*map(min, (a.signs.evidence[0], a.signs.unexplained), SATURATION), a.signs.places) for a in answers]
-    place = _logistic(np.array(signs), np.array([any(a.right) for a in answers]))
+    begun = Calibration(START, SATURATION, (float(separation[0]), float(separation[1])), START[:2], START[:2])
+    apart = [a for a in answers if begun.best_of(a.signs.evidence, a.signs.unexplained) > APART]
+    signs = [(min(a.signs.evidence[0], SATURATION), a.signs.share, a.signs.places) for a in apart]
+    place = _logistic(np.array(signs), np.array([a.right[0] for a in apart]))
     room, surface = (_of_shares([p for a in answers for p in getattr(a, of)]) for of in ("rooms", "surfaces"))
     rounded = [tuple(round(float(x), 4) for x in of) for of in (place, separation, room, surface)]
     return Calibration(rounded[0], SATURATION, *rounded[1:])  # type: ignore[arg-type]
