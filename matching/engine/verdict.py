@@ -16,7 +16,7 @@ from matching.engine.hypotheses import Hypotheses
 from matching.result import Status
 
 SURE = 0.99  # probability that the map is in the plan, and that it is in this place, of an answer that is unique
-MOST_UNEXPLAINED = 0.5  # of the map's walls, by length: where more is, that is the reason
+MOST_UNEXPLAINED = 0.5  # of the map's walls, by length: where more is, the plan is not the map's
 PLACES_PER_M2 = 40.0  # that a vote can separate: four directions of the grid, a third of a metre
 
 
@@ -56,9 +56,11 @@ def verify(found: Hypotheses, pairs: Pairs) -> Verdict:
     own = matched(pairs, len(found.scene.s))
     in_plan = calibration.in_plan(signs.evidence[0], signs.share, signs.places)
     best = calibration.best_of(signs.evidence, signs.unexplained)
+    if signs.share > MOST_UNEXPLAINED:
+        return Verdict("none", _unexplained(signs.share), in_plan * best)
     if in_plan < SURE:
-        little = f"too little evidence at the best place ({own}): see more rooms"
-        return Verdict("none", little if signs.share < MOST_UNEXPLAINED else _unexplained(signs.share), in_plan * best)
+        reason = f"too little evidence at the best place ({own}): see more rooms"
+        return Verdict("none", reason, in_plan * best)
     if best < SURE:
         near = [k for k in range(1, len(found)) if _is_near(calibration, signs, k)] or [1]
         floors = [str(found.scene.plan.storeys[int(found.fields.storey[k])].floor) for k in (0, *near)]
@@ -74,9 +76,7 @@ def _is_near(calibration: Calibration, signs: Signs, k: int) -> bool:
 
 def _unexplained(share: float) -> str:
     """The reason where the plan leaves too large a share of the map unexplained."""
-    return (
-        f"the plan does not explain the map: {100 * share:.0f} % of its walls' length are elsewhere at the best place"
-    )
+    return f"the plan does not explain the map: not {100 * share:.0f} % of its walls' length, at the best place"
 
 
 def matched(pairs: Pairs, walls: int) -> str:
