@@ -6,6 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
+
 from data.common.errors import UserError
 from data.scene_graph import SceneGraph, implausible
 from matching.arrays import Walls, arrays, storeys
@@ -18,9 +20,8 @@ from matching.search.verification import verify
 from matching.torch_extra import need_torch
 
 LISTED = 10  # hypotheses in the result, at most
-BASELINES = ("pca-gm", "superglue")
-WITH_WEIGHTS = ("learned", "paper", *BASELINES)
-WITH_TORCH = ("paper", *BASELINES)
+WITH_WEIGHTS = ("learned", "paper")
+WITH_TORCH = ("paper",)
 
 
 class Method(Protocol):
@@ -68,7 +69,6 @@ class Matcher:
                 `learned`: a graph network proposes matches, which are verified geometrically (the default);
                 `voting`: wall corners vote for motions, which are verified; no weights, no network;
                 `paper`: the published GATv2-Sinkhorn matcher; its assignment is the answer, without verification;
-                `pca-gm`, `superglue`: these networks on this project's features; their assignment is the answer;
                 `combinatorial`, `combinatorial-grid`: the search of iS-Graphs, as released and as in its later branch.
                 `NAME@WEIGHTS` gives both name and weights, for example `paper@repository`.
             weights: A file of weights; for `paper` also `published` (the default) or `repository`. None loads the
@@ -79,7 +79,7 @@ class Matcher:
 
         Raises:
             UserError: The name is unknown, the method takes no weights, the file has no weights that fit, or PyTorch,
-                which `paper`, `pca-gm` and `superglue` need, is not installed.
+                which `paper` needs, is not installed.
         """
         name, _, named = method.partition("@")
         weights = named or weights
@@ -87,7 +87,6 @@ class Matcher:
             "voting": VotingMatcher,
             "learned": lambda: _learned(weights),
             "paper": lambda: _paper(weights),
-            **{kind: partial(_baseline, kind, weights) for kind in BASELINES},
             "combinatorial": lambda: CombinatorialMatcher(DEVELOP),
             "combinatorial-grid": lambda: CombinatorialMatcher(GRID),
         }
@@ -127,22 +126,23 @@ class Matcher:
 
 def _learned(weights: Path | str | None) -> Method:
     from matching.deformation import DeformableMatcher  # compiled loops are slow to import
-    from matching.learned import LearnedProposer
+    from matching.proposals.learned import LearnedProposer
+    from matching.search.proposals import Proposals, TopK
     from matching.search.voting_proposals import voting_proposals
 
-    return DeformableMatcher(LearnedProposer.load(weights).propose, voting_proposals)
+    network = LearnedProposer.load(weights)
+
+    def proposed(s: SceneGraph, a: SceneGraph, known: Walls) -> Proposals:
+        no_rooms = TopK.of_dense(np.zeros((len(s.rooms), 0)))
+        return Proposals(network.propose(s, a, known), no_rooms)
+
+    return DeformableMatcher(proposed, voting_proposals)
 
 
 def _paper(weights: Path | str | None) -> Method:
     from matching.published.matcher import PaperMatcher
 
     return PaperMatcher.load(weights)
-
-
-def _baseline(kind: str, weights: Path | str | None) -> Method:
-    from matching.published.baselines import BaselineMatcher
-
-    return BaselineMatcher.load(kind, weights)
 
 
 def _answer(found: list[Placement], candidates: list[Walls], began: float) -> MatchResult:

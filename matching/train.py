@@ -41,6 +41,7 @@ def main(arguments: list[str] | None = None) -> int:
     if options.device == "cuda" and not torch.cuda.is_available():
         raise UserError("--device cuda: no GPU that torch can use; leave it out to train on the processor")
     device = "cuda" if options.device != "cpu" and torch.cuda.is_available() else "cpu"
+    torch.set_num_threads(1)  # more are slower: the tables of a pair are small
     out: Path = options.out
     out.mkdir(parents=True, exist_ok=True)
     drawing = Drawing(tuple(own), seeds_of("train", GENERATED))

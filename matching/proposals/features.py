@@ -192,9 +192,9 @@ def _edge_features(nodes: _Nodes, neighbour: Index, gap: Array) -> Array32:
 
     across = np.stack((dot(offset, nodes.normal[i]), -dot(offset, nodes.normal[j])), axis=-1)
     along = np.stack((dot(offset, nodes.tangent[i]), -dot(offset, nodes.tangent[j])), axis=-1)
-    turns = [(x[:, :, None] / waves).reshape(len(i), -1) for x, waves in ((across, ACROSS_WAVES), (along, ALONG_WAVES))]
-    phase = 2 * np.pi * np.hstack(turns)
-    waves = np.stack((np.sin(phase), np.cos(phase)), axis=-1).reshape(len(i), -1)
+    turns = [across[:, :, None] / ACROSS_WAVES, along[:, :, None] / ALONG_WAVES]
+    phase = 2 * np.pi * np.concatenate([x.reshape(len(i), 2 * x.shape[2]) for x in turns], axis=1)
+    waves = np.stack((np.sin(phase), np.cos(phase)), axis=-1).reshape(len(i), 2 * phase.shape[1])
 
     cos = dot(nodes.normal[i], nodes.normal[j])
     wall_i, wall_j = i < n, j < n
@@ -203,11 +203,11 @@ def _edge_features(nodes: _Nodes, neighbour: Index, gap: Array) -> Array32:
     apart[both] = gap[i[both], k[both]]
     half_i, half_j = nodes.half[i], nodes.half[j]
     overlap = np.abs(along[:, 0]) < half_i + half_j
-    sides = both & (cos < -0.9) & (-THICKEST_M < across[:, 0]) & (across[:, 0] < 0) & overlap
+    sides = both & (cos < -0.9) & (across[:, 0] > -THICKEST_M) & (across[:, 0] < 0) & overlap
     columns = [cos, dot(nodes.tangent[i], nodes.normal[j]), np.minimum(half_j, 10.0) / 2.5, nodes.known[j]]
     columns += [np.exp(-apart / scale) for scale in GAP_SCALES]
-    columns += [(nodes.room[i] == nodes.room[j]) & (nodes.room[i] >= 0), sides, both]
-    columns += [wall_i & ~wall_j, ~wall_i & wall_j]
+    same_room = (nodes.room[i] == nodes.room[j]) & (nodes.room[i] >= 0)
+    columns += [x.astype(float) for x in (same_room, sides, both, wall_i & ~wall_j, ~wall_i & wall_j)]
     edge = np.zeros((*neighbour.shape, EDGE_SIZE), dtype=np.float32)
     clipped = np.clip(np.hstack((across, along)) / 5, -4.0, 4.0)
     edge[i, k] = np.hstack((waves, clipped, np.stack(columns, axis=-1)))

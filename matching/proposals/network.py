@@ -253,9 +253,8 @@ class MatchingNetwork(nn.Module):
             sure = sure | (probability.amax(dim=-1).mean() >= enough)
             self._cycle(s, a, found._replace(column=torch.where(sure, -1, found.column)), output)
             column, table = pad(column, (0, self.settings.more), value=-1), _widened(table, self.settings.more)
-            output.walls[-1] = tuple(
-                torch.where(sure, *both) for both in zip((column, table), output.walls[-1], strict=True)
-            )
+            later_column, later = output.walls[-1]
+            output.walls[-1] = torch.where(sure, column, later_column), torch.where(sure, table, later)
         return output._replace(rooms=[table[:-1] for table in output.rooms])
 
     def _wall_logits(self, s: Encoded, a: Encoded, rooms: Tensor) -> Tensor:
@@ -355,8 +354,9 @@ class Compared(NamedTuple):
         (c, s), (u, v) = turn.unbind(-1), turn_there.unbind(-1)
         return Compared(offset, turn, off, (off - slack).clamp(min=0), one + other, c * u + s * v, s * u - c * v)
 
-    def __getitem__(self, kept: Tensor) -> "Compared":  # type: ignore[override]
-        return Compared(*(x[kept] for x in tuple(self)))
+    def rows(self, kept: Tensor) -> "Compared":
+        """Some of them."""
+        return Compared(*(x[kept] for x in self))
 
 
 def _relative(i: Tensor, j: Tensor) -> tuple[Tensor, Tensor]:
@@ -384,7 +384,7 @@ def supporting(s: Encoded, a: Encoded, column: Tensor) -> Support:
     x, y = (partner[near][:, :, None, :, d] - partner[:, None, :, None, d] for d in (0, 1))
     square = x * x + y * y
     real = (square < (far + OFFSET_M) ** 2) & (square > (far - OFFSET_M).clamp(min=0) ** 2)
-    real = real & ((turn[near][:, :, None] * turn[:, None, :, None]).sum(dim=-1) > LEAST_COS)
+    real = real & (turn[:, None] @ turn[near].transpose(-1, -2) > LEAST_COS)
     there = torch.where((near >= 0)[..., None], floor[near], -2)
     real = real & (floor[:, None, :, None] == there[:, :, None]) & (floor >= 0)[:, None, :, None]
     i, slot, at, other = real.nonzero().unbind(-1)
@@ -393,7 +393,7 @@ def supporting(s: Encoded, a: Encoded, column: Tensor) -> Support:
     compared = Compared.of(s.wall[i], s.wall[j], a.wall[p], a.wall[q])
     kept = ((compared.cos > LEAST_COS) & (compared.left.amax(dim=-1) < LEFT_M)).nonzero()[:, 0]
     i, j, p, q, at, other = (index[kept] for index in (i, j, p, q, at, other))
-    return Support(i * k + at, j * k + other, _comparison(s, a, (i, j), (p, q), compared[kept]))
+    return Support(i * k + at, j * k + other, _comparison(s, a, (i, j), (p, q), compared.rows(kept)))
 
 
 def _comparison(
@@ -449,13 +449,19 @@ def pair_features(s: Encoded, a: Encoded, found: Candidates, likely: Tensor, roo
     """
     wall = torch.where(found.column >= 0, found.column, a.wall.shape[0] - 1)
     taken = added(torch.zeros_like(a.wall[:, 0]), wall.flatten(), likely.flatten())
-    room, there = s.room[:, None], a.room[found.column]
-    with_room = (room >= 0) & (there >= 0)
-    of_room = torch.where(with_room, rooms.softmax(dim=-1)[room, there], 0.0)
+    with_room, at = _in_rooms(s, a, found.column, rooms)
+    of_room = torch.where(with_room, rooms.softmax(dim=-1).flatten()[at], 0.0)
     longer = s.wall[:, None, 4] - a.wall[found.column.clamp(min=0)][..., 4]
     columns = [found.logit.clamp(min=-30) / 10, likely, likely / (taken[wall] + 1e-3), of_room, with_room.float()]
     columns += [longer.clamp(min=0), (-longer).clamp(min=0)]
     return torch.cat((torch.stack(columns, dim=-1), whole), dim=-1)
+
+
+def _in_rooms(s: Encoded, a: Encoded, column: Tensor, rooms: Tensor) -> tuple[Tensor, Tensor]:
+    """(N, K) whether a wall and its candidate have a room, and where the two are in the flattened table of rooms."""
+    room, there = s.room[:, None], a.room[column]
+    with_room = (room >= 0) & (there >= 0)
+    return with_room, torch.where(with_room, room * rooms.shape[1] + there, 0)
 
 
 def room_shares(s: Encoded, a: Encoded, column: Tensor, likely: Tensor, size: Tensor, rooms: Tensor) -> Tensor:
@@ -463,13 +469,10 @@ def room_shares(s: Encoded, a: Encoded, column: Tensor, likely: Tensor, size: Te
 
     `rooms` (M + 1, B + 1) are the logits of that; `size` (N,) the weights of the walls.
     """
-    room, there = s.room[:, None], a.room[column]
-    with_room = (room >= 0) & (there >= 0)
-    at = torch.where(with_room, room * rooms.shape[1] + there, 0).flatten()
+    with_room, at = _in_rooms(s, a, column, rooms)
     heard, nothing = torch.where(with_room, likely, 0.0), torch.zeros_like(rooms).flatten()
-    by_size, count = (
-        added(nothing, at, value.flatten()).view(rooms.shape)[:, :-1] for value in (heard * size[:, None], heard)
-    )
+    at, values = at.flatten(), (heard * size[:, None], heard)
+    by_size, count = (added(nothing, at, value.flatten()).view(rooms.shape)[:, :-1] for value in values)
     own = added(torch.zeros_like(rooms[:, 0]), s.room.clamp(min=0), torch.where(s.room >= 0, size, 0.0))
     share = by_size / (own[:, None] + 1e-3)
     claimed = share / (share.sum(dim=0, keepdim=True) + 1e-2)

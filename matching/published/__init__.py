@@ -1,1 +1,1 @@
-"""Baselines rebuilt from their papers: the GATv2-Sinkhorn matcher with its training, PCA-GM and SuperGlue."""
+"""Baselines rebuilt from their papers: the GATv2-Sinkhorn matcher with its training."""

@@ -1,9 +1,12 @@
 """Files of the published matcher's network, and the shipped ones by preset."""
 
+import io
 from pathlib import Path
 
+import torch
+
 from data.common.errors import UserError
-from matching.learned.torch_weights import read_weights, write_weights
+from data.common.files import write_atomically
 from matching.published.network import PRESETS, PaperNetwork, PaperSettings
 
 VERSION = "paper 1"
@@ -13,7 +16,10 @@ SHIPPED = Path(__file__).parents[1] / "weights"
 
 def save_paper_network(path: Path, network: PaperNetwork) -> None:
     """Writes the network atomically, in single precision, since it depends on exact lengths."""
-    write_weights(path, VERSION, network.settings.to_dict(), network.state_dict())
+    state = {name: value.detach().cpu() for name, value in network.state_dict().items()}
+    buffer = io.BytesIO()
+    torch.save({"version": VERSION, "settings": network.settings.to_dict(), "state": state}, buffer)
+    write_atomically(path, buffer.getvalue())
 
 
 def load_paper_network(weights: Path | str) -> PaperNetwork:
@@ -22,10 +28,17 @@ def load_paper_network(weights: Path | str) -> PaperNetwork:
     Raises UserError if the file is missing or does not hold such a network.
     """
     path = SHIPPED / f"paper_{weights}.pt" if weights in PRESETS else Path(weights)
-    settings, state = read_weights(path, VERSION, MAKER)
     try:
-        network = PaperNetwork(PaperSettings.from_dict(settings))
-        network.load_state_dict(state, strict=True)
-    except (KeyError, TypeError, AttributeError, RuntimeError):
+        value = torch.load(path, map_location="cpu", weights_only=True)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror}); give a network's file (.pt)") from None
+    except Exception:  # torch's reader runs no code from the file, but may raise anything
+        raise UserError(f"{path}: not a network's file; '{MAKER}' writes one") from None
+    try:
+        if value["version"] != VERSION:
+            raise ValueError("another version")
+        network = PaperNetwork(PaperSettings.from_dict(value["settings"]))
+        network.load_state_dict(value["state"], strict=True)
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, RuntimeError):
         raise UserError(f"{path}: its network does not fit this program; train it again") from None
     return network.eval().requires_grad_(False)

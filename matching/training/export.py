@@ -26,18 +26,19 @@ class Inference(nn.Module):
         self.network = network
 
     def forward(self, *inputs: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Takes `MAP` and `PLAN`. Returns the map's vectors of walls (N, width) and rooms (M, width), and the candidates
-        (N, K) of its walls, -1 for none, and their probabilities (N, K).
+        """Takes `MAP` and `PLAN`, returns `OUTPUTS`: the map's vectors of walls (N, width) and rooms (M, width),
+        candidates (N, K) of its walls, -1 for none, and their probabilities (N, K).
         """
-        seen, (walls, rooms, *plan) = inputs[: len(MAP)], inputs[len(MAP) :]
-        none = walls.new_zeros(1, 1)  # only a map's logits of no match are used
-        s = self.network.encode(Graph(*seen, torch.zeros_like(seen[-1])))
-        column, table = self.network(s, Encoded(walls, rooms, none, none, *plan), ENOUGH).walls[-1]
+        node, neighbour, edge, wall, room = inputs[: len(MAP)]
+        plan = dict(zip((name.removeprefix("plan_") for name in PLAN), inputs[len(MAP) :], strict=True))
+        none = wall.new_zeros(1, 1)  # only a map's logits of no match are used
+        s = self.network.encode(Graph(node, neighbour, edge, wall, room, floor=torch.zeros_like(room)))
+        column, table = self.network(s, Encoded(no_wall=none, no_room=none, **plan), ENOUGH).walls[-1]
         return s.walls, s.rooms, column, table.softmax(dim=-1)[:, :-1]
 
 
 def save_network(folder: Path, network: MatchingNetwork) -> None:
-    """Writes `learned.onnx` and `learned.safetensors`; the latter holds the weights by their names, and the settings."""
+    """Writes `learned.onnx` and `learned.safetensors`, which holds the settings and the weights by their names."""
     settings = {name: str(value) for name, value in vars(network.settings).items()}
     state = {name: value.detach().cpu().contiguous() for name, value in network.state_dict().items()}
     write_atomically(folder / "learned.safetensors", save(state, settings))
@@ -58,7 +59,7 @@ def to_onnx(network: MatchingNetwork) -> bytes:
             torch.onnx.export(
                 Inference(network).eval(),
                 inputs,
-                file,
+                file,  # type: ignore[arg-type]
                 input_names=[*MAP, *PLAN],
                 output_names=list(OUTPUTS),
                 dynamic_axes={name: {0: f"{name}_count"} for name in (*MAP, *PLAN, *OUTPUTS)},

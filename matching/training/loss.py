@@ -95,4 +95,4 @@ def measures(results: Sequence[Result]) -> dict[str, float]:
             "surprise": torch.where(has & ~within, MOST_SURPRISE, surprise),
         }.items():
             values.setdefault(name, []).append(found.float())
-    return {name: float(_mean(found)) for name, found in values.items() if sum(map(len, found))}
+    return {name: _mean(found).item() for name, found in values.items() if sum(map(len, found))}

@@ -11,7 +11,7 @@ from matching import Matcher
 from matching.deformation import DeformableMatcher
 from matching.search.voting_proposals import voting_proposals
 
-METHODS = ("learned", "voting", "paper", "pca-gm", "superglue", "combinatorial", "combinatorial-grid")
+METHODS = ("learned", "voting", "paper", "combinatorial", "combinatorial-grid")
 VOTED = "deformation by voting"  # what `learned` does with its network's proposals, with those of corners instead
 VERIFYING = ("learned", "voting", VOTED)  # they compare every place with the others before they call one unique
 

@@ -1,6 +1,5 @@
 """The published methods: what their papers say of them, their training, their answers, their files."""
 
-import dataclasses
 import json
 import sys
 from pathlib import Path
@@ -11,7 +10,7 @@ import pytest
 import torch
 from plans import a_graph, flat, moved
 
-from data import SceneGraph, UserError
+from data import UserError
 from data.synthetic_maps.noise_models import draw
 from matching import Matcher, MatchResult
 from matching.published.data import laid_out
@@ -29,19 +28,6 @@ def _one_thread() -> None:
 
 def right(result: MatchResult, truth: dict[str, str]) -> float:
     return sum(truth.get(i) == j for i, j, _ in (*result.rooms, *result.wall_surfaces)) / len(truth)
-
-
-@pytest.mark.parametrize("method", ["pca-gm", "superglue"])
-def test_relatives_of_our_network_find_most_walls_of_a_map(method: str) -> None:
-    plan, shares = a_graph(flat(np.random.default_rng(1), 12, 9)), []
-    for seed in range(3):
-        drawn = draw(plan, "real", np.random.default_rng(seed), 6)
-        result = Matcher.load(method).match(drawn.s_graph, plan)
-        shares.append(right(dataclasses.replace(result, rooms=()), drawn.wall_surfaces))
-        assert len({a for _, a, _ in result.wall_surfaces}) == len(result.wall_surfaces)
-    assert np.mean(shares) > 0.5
-    walls = tuple(dataclasses.replace(w, room=None) for w in drawn.s_graph.wall_surfaces)
-    assert Matcher.load(method).match(SceneGraph("map", (), walls), plan).rooms == ()
 
 
 def test_the_published_networks_know_their_perturbation_and_nothing_of_an_unknown_start() -> None:
@@ -78,6 +64,6 @@ def test_what_is_not_installed_is_named_with_its_extra(
 
     monkeypatch.setitem(sys.modules, needs, None)
     with pytest.raises(UserError, match=rf"pip install 'sgslam\[{extra}\]'"):
-        Matcher.load("pca-gm") if needs == "torch" else tune(["--out", str(tmp_path)])
+        Matcher.load("paper") if needs == "torch" else tune(["--out", str(tmp_path)])
     for method in ("learned", "voting", "combinatorial"):
         Matcher.load(method)
