@@ -325,7 +325,7 @@ def _votes(s: Encoded, a: Encoded, known: Candidates) -> tuple[Tensor, Tensor, T
     j = s.near[i, slot]
     b, c, strength = partner[j, t], there[j, t, at], value[j, t]
     compared = Compared.of(s.wall[j], s.wall[i], a.wall[b], a.wall[c])
-    alike = torch.exp(-0.5 * compared.left.square().sum(dim=-1) / CLOSE_M**2) * (compared.cos > LEAST_COS)
+    alike = torch.exp(-0.5 * _square(compared.left) / CLOSE_M**2) * (compared.cos > LEAST_COS)
     return i, c, torch.where(alike > LEAST_ALIKE, strength * alike, 0.0)
 
 
@@ -354,9 +354,24 @@ class Compared(NamedTuple):
         (c, s), (u, v) = turn.unbind(-1), turn_there.unbind(-1)
         return Compared(offset, turn, off, (off - slack).clamp(min=0), one + other, c * u + s * v, s * u - c * v)
 
+    @property
+    def most(self) -> Tensor:
+        """(E,) the largest of what is left."""
+        one, other, third, fourth = self.left.unbind(-1)
+        return torch.maximum(torch.maximum(one, other), torch.maximum(third, fourth))
+
     def rows(self, kept: Tensor) -> "Compared":
         """Some of them."""
         return Compared(*(x[kept] for x in self))
+
+
+def _square(vector: Tensor) -> Tensor:
+    """(E,) the squared lengths of vectors (E, n). A sum over their last axis fails for E = 0 in ONNX Runtime 1.26."""
+    first, *others = vector.unbind(-1)
+    total = first * first
+    for x in others:
+        total = total + x * x
+    return total
 
 
 def _relative(i: Tensor, j: Tensor) -> tuple[Tensor, Tensor]:
@@ -376,23 +391,24 @@ def turns(s: Encoded, partner: Tensor) -> Tensor:
 
 def supporting(s: Encoded, a: Encoded, column: Tensor) -> Support:
     """Returns all combinations that are roughly alike: on one storey, with similar angles and offsets."""
-    k, near = column.shape[1], s.near
-    partner = a.wall[column]  # (N, K, 5)
-    turn, floor = turns(s, partner), torch.where(column >= 0, a.floor[column], -1)
-    # Cheap tests of all combinations, (N, SUPPORTERS, K of i, K of j).
-    far = (s.wall[near, :2] - s.wall[:, None, :2]).norm(dim=-1)[..., None, None]
-    x, y = (partner[near][:, :, None, :, d] - partner[:, None, :, None, d] for d in (0, 1))
+    partner, some = a.wall[column], (column >= 0).any(dim=1)  # (N, K, 5), (N,)
+    turn, floor = turns(s, partner), a.floor[column]
+    i, slot = ((s.near >= 0) & some[:, None] & some[s.near]).nonzero().unbind(-1)
+    j = s.near[i, slot]
+    # Cheap tests of all combinations, (pairs of neighbours, K of i, K of j).
+    far = _square(s.wall[j, :2] - s.wall[i, :2]).sqrt()[:, None, None]
+    x, y = (partner[j, :, d][:, None] - partner[i, :, d][:, :, None] for d in (0, 1))
     square = x * x + y * y
     real = (square < (far + OFFSET_M) ** 2) & (square > (far - OFFSET_M).clamp(min=0) ** 2)
-    real = real & (turn[:, None] @ turn[near].transpose(-1, -2) > LEAST_COS)
-    there = torch.where((near >= 0)[..., None], floor[near], -2)
-    real = real & (floor[:, None, :, None] == there[:, :, None]) & (floor >= 0)[:, None, :, None]
-    i, slot, at, other = real.nonzero().unbind(-1)
-    j = near[i, slot]
+    real = real & (turn[i] @ turn[j].transpose(1, 2) > LEAST_COS)
+    real = real & (floor[i][:, :, None] == floor[j][:, None]) & (floor[i] >= 0)[:, :, None]
+    pair, at, other = real.nonzero().unbind(-1)
+    i, j = i[pair], j[pair]
     p, q = column[i, at], column[j, other]
     compared = Compared.of(s.wall[i], s.wall[j], a.wall[p], a.wall[q])
-    kept = ((compared.cos > LEAST_COS) & (compared.left.amax(dim=-1) < LEFT_M)).nonzero()[:, 0]
+    kept = ((compared.cos > LEAST_COS) & (compared.most < LEFT_M)).nonzero()[:, 0]
     i, j, p, q, at, other = (index[kept] for index in (i, j, p, q, at, other))
+    k = column.shape[1]
     return Support(i * k + at, j * k + other, _comparison(s, a, (i, j), (p, q), compared.rows(kept)))
 
 
@@ -405,7 +421,7 @@ def _comparison(
     sharp = torch.cat((compared.left, compared.off[:, ::2]), dim=-1)  # across walls also without sliding
     sharp = torch.exp(-((sharp[..., None] / scales) ** 2)).flatten(1)
     half_angle = compared.sin.abs() / (2 + 2 * compared.cos).sqrt()  # its sine
-    cos, far = compared.turn[:, 0], compared.offset[:, :2].norm(dim=-1)
+    cos, far = compared.turn[:, 0], _square(compared.offset[:, :2]).sqrt()
     with_room = (s.room[i] >= 0) & (s.room[j] >= 0)
     same_s, same_a = s.room[i] == s.room[j], (a.room[p] == a.room[q]) & (a.room[p] >= 0)
     columns = [10 * half_angle, cos.abs(), (cos < -0.9).float(), torch.exp(-far / 2), far / 8]

@@ -3,8 +3,11 @@
 import io
 import warnings
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
+import onnx
 import torch
+from onnxruntime import GraphOptimizationLevel, InferenceSession, SessionOptions
 from safetensors.torch import save
 from torch import Tensor, nn
 
@@ -66,7 +69,22 @@ def to_onnx(network: MatchingNetwork) -> bytes:
                 opset_version=OPSET,
                 dynamo=False,
             )
-    return file.getvalue()
+    return _simplified(file.getvalue())
+
+
+def _simplified(content: bytes) -> bytes:
+    """The same model with constants folded: it loads in half the time."""
+    with TemporaryDirectory() as folder:
+        options = SessionOptions()
+        options.graph_optimization_level = GraphOptimizationLevel.ORT_ENABLE_BASIC
+        options.optimized_model_filepath = f"{folder}/model.onnx"
+        options.log_severity_level = 3  # no warning that the file is for this machine: basic changes are for all
+        InferenceSession(content, options, providers=["CPUExecutionProvider"])
+        model = onnx.load(options.optimized_model_filepath)
+    used = [each for each in model.opset_import if each.domain in {node.domain for node in model.graph.node}]
+    del model.opset_import[:]
+    model.opset_import.extend(used)
+    return bytes(model.SerializeToString())
 
 
 def _two_rooms() -> SceneGraph:

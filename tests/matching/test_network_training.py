@@ -77,7 +77,7 @@ def test_training_goes_on_after_a_kill_as_if_it_had_not_been(drawing: Drawing, t
 def test_a_pair_is_learned_and_the_network_matches(tmp_path: Path) -> None:
     batch = batch_of([(GRAPHS[2], [DRAWN])])
     training = Training.begin(TINY, 0, "cpu")
-    losses = [training.learn(batch, 0.0) for _ in range(60)]
+    losses = [training.learn(batch, 0.0) for _ in range(30)]
     assert losses[-1] < 0.9 * losses[0] and measures(run(training.network, batch))["within"] > 0.5
     save_network(tmp_path, training.best_network())
     result = Matcher.load(f"learned@{tmp_path / 'learned.onnx'}").match(DRAWN.s_graph, GRAPHS[2])
