@@ -81,7 +81,6 @@ def test_proposals_know_neither_where_the_graphs_lie_nor_the_order_of_nodes() ->
 
 GRAPHS: dict[str, tuple[SceneGraph, SceneGraph]] = {
     "drift": (MAP, PLAN),
-    "itself": (dataclasses.replace(PLAN, frame="map"), PLAN),
     "storeys": (
         draw(PLAN, "mis_segmented", np.random.default_rng(7), 2).s_graph,
         merged(PLAN, a_graph(flat(np.random.default_rng(4)), "b", "b")),
