@@ -8,7 +8,7 @@ from data.common.errors import UserError
 from data.scene_graph import SceneGraph, implausible
 from matching.combinatorial import CombinatorialMatcher
 from matching.result import MatchResult
-from matching.search import Start
+from matching.start import Start
 
 WITH_WEIGHTS = ("learned", "paper")
 
@@ -98,10 +98,10 @@ def _voting() -> Method:
 
 def _learned(weights: Path | str | None) -> Method:
     from matching.engine import GeometricMatcher, among
-    from matching.learned import LearnedProposer
+    from matching.proposals.learned import LearnedProposer
 
     network = LearnedProposer.load(weights)
-    return GeometricMatcher(lambda s, a, scene: among(network.propose(s, a, scene.s).walls, scene.plan))
+    return GeometricMatcher(lambda s, a, scene: among(network.propose(s, a, scene.s), scene.plan))
 
 
 def _paper(weights: Path | str | None) -> Method:

@@ -20,7 +20,7 @@ def make_ready(matcher: Matcher, method: str) -> None:
 
 def propose() -> None:
     """The first half of what `learned` compiles."""
-    from matching.learned import LearnedProposer
+    from matching.proposals.learned import LearnedProposer
 
     LearnedProposer.load().propose(three_rooms(), three_rooms())
 
@@ -44,11 +44,11 @@ def three_rooms() -> SceneGraph:
 
 
 def write_small_network(path: Path) -> None:
-    """Writes a small untrained network, always the same."""
+    """Writes a small untrained network (.onnx), always the same."""
     import torch
 
-    from matching.learned.torch_weights import save_network
-    from matching.network.registry import network_of, settings_of
+    from matching.proposals.network import MatchingNetwork, Settings
+    from matching.training.export import to_onnx
 
     torch.manual_seed(0)
-    save_network(path, network_of(settings_of("learned", {"width": 8, "layers": 1, "state": 4})))
+    path.write_bytes(to_onnx(MatchingNetwork(Settings(width=8, layers=1, candidates=4, more=2, state=4))))

@@ -41,8 +41,9 @@ class Walls(WallDirections):
     def __getitem__(self, chosen: Index) -> "Walls":
         """Some of the walls; frame and rooms stay."""
         ids = tuple(self.ids[n] for n in chosen.tolist())
-        arrays = (x[chosen] for x in (self.centre, self.heading, self.half, self.known, self.room))
-        return Walls(ids, self.floor, *arrays, self.rooms, self.T_graph_own)
+        centre, heading, half = self.centre[chosen], self.heading[chosen], self.half[chosen]
+        known, room = self.known[chosen], self.room[chosen]
+        return Walls(ids, self.floor, centre, heading, half, known, room, self.rooms, self.T_graph_own)
 
     @cached_property
     def lines(self) -> Array:

@@ -85,7 +85,8 @@ def evidence(scene: Scene, fields: Fields, table: Index, chance: Chance, noise: 
     for k, storey in enumerate(fields.storey.tolist()):
         a, first = scene.plan.storeys[storey], int(scene.plan.first[storey])
         seen.append(_completeness(a.half, a.room, len(a.rooms), table[k], first, now.quality[k], homes.first[k]))
-    return walls + np.array(seen) + door_evidence(scene, fields, homes.first) - 0.5 * bending(scene, fields)
+    rest = door_evidence(scene, fields, homes.first) - 0.5 * bending(scene, fields)
+    return np.asarray(walls + np.array(seen) + rest)
 
 
 def bending(scene: Scene, fields: Fields) -> Array:

@@ -28,7 +28,7 @@ from matching.engine.guided_field import GuidedFields, advance, guided
 from matching.engine.local_motions import local_motions, seeds
 from matching.engine.local_restarts import restart_locally
 from matching.engine.plan_walls import PlanWalls
-from matching.search import TopK
+from matching.engine.proposals import TopK
 
 SIGMAS = np.array([0.35, 0.25, 0.18, 0.13])  # metres across; decreasing as a group's walls settle
 LAST_SIGMAS = np.array([0.25, 0.18, 0.13, 0.13])
@@ -164,15 +164,15 @@ def polished(scene: Scene, begin: GuidedFields, sigmas: Array) -> GuidedFields:
 def _scored(scene: Scene, grown: GuidedFields, chance: Chance) -> Hypotheses:
     fields, table = grown.fields, grown.table
     near = rigid(scene, fields, explained(scene, table, fields.state, SIGMA_SCORE))
-    return _distinct(Hypotheses(scene, fields, table, evidence(scene, fields, table, chance), near))
+    score = evidence(scene, fields, table, chance)
+    return _distinct(Hypotheses(scene, fields, table, score, near))
 
 
 def _merged(one: Hypotheses, other: Hypotheses) -> Hypotheses:
     storey = np.concatenate((one.fields.storey, other.fields.storey))
     state = np.concatenate((one.fields.state, other.fields.state))
-    table, score, near = (
-        np.concatenate(of) for of in ((one.table, other.table), (one.score, other.score), (one.rigid, other.rigid))
-    )
+    table = np.concatenate((one.table, other.table))
+    score, near = np.concatenate((one.score, other.score)), np.concatenate((one.rigid, other.rigid))
     return _distinct(Hypotheses(one.scene, Fields(storey, state), table, score, near))
 
 

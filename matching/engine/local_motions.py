@@ -16,8 +16,8 @@ from data.geometry.se2_compiled import wrapped
 from matching.arrays import Index
 from matching.engine.field import Fields, Scene, rigid_state
 from matching.engine.field_loops import SIGMA_ALONG
+from matching.engine.proposals import TopK
 from matching.engine.votes import ascending, most_of
-from matching.search import TopK
 
 OPENING = float(np.radians(10))  # the angles between two S walls and their A walls differ by less
 LEAST_ANGLE = float(np.radians(35))

@@ -13,9 +13,10 @@ from matching.engine.calibration import shipped
 from matching.engine.field import Scene
 from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
+from matching.engine.proposals import TopK
 from matching.engine.verdict import verify
 from matching.result import Hypothesis, MatchResult
-from matching.search import Start, TopK, near_start
+from matching.start import Start, near_start
 
 LISTED = 10  # hypotheses in the result, at most
 Proposer = Callable[[SceneGraph, SceneGraph, Scene], TopK]  # of a map, a plan and both as arrays: walls of `scene.plan`

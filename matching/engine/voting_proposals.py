@@ -9,8 +9,8 @@ from matching.arrays.groups import Groups
 from matching.engine.corners import corners
 from matching.engine.field import Fields, Scene, judge, rigid_state
 from matching.engine.guided_field import advance, guided
+from matching.engine.proposals import TopK
 from matching.engine.votes import aligned, vote
-from matching.search import TopK
 
 MOST_PARTS = 8
 MOST_WALLS = 200  # of a map that votes as a whole
@@ -65,6 +65,6 @@ def _scores(scene: Scene, part: Index) -> Array:
     quality = judge(scene, placed.table, placed.fields.state, SIGMA).quality[:, part]
     worth = quality.max(axis=2) @ walls.weight
     odds = np.exp(SHARPNESS * (worth - worth.max()))
-    k, i, p = np.nonzero(quality)
-    np.add.at(score, (i, placed.table[:, part][k, i, p]), (odds / odds.sum())[k] * quality[k, i, p])
+    n, i, p = np.nonzero(quality)
+    np.add.at(score, (i, placed.table[:, part][n, i, p]), (odds / odds.sum())[n] * quality[n, i, p])
     return score

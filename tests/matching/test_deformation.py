@@ -13,7 +13,7 @@ from data.synthetic_maps.noise_models import DrawnGraph, draw
 from matching import MatchResult
 from matching.engine import GeometricMatcher, Proposer, among
 from matching.engine.field import Scene
-from matching.search import TopK
+from matching.engine.proposals import TopK
 
 MATCHER = matcher("voting")
 PLAN = a_graph(flat(np.random.default_rng(3)), "ground")

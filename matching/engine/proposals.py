@@ -1,4 +1,4 @@
-"""Proposed matches of single nodes: how likely an S surface is an A surface, and an S room an A room."""
+"""Proposed matches of wall surfaces: how likely one of the map is one of the plan."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -34,18 +34,3 @@ class TopK:
         best = np.argsort(-score, axis=1, kind="stable")[:, :most]
         value = np.clip(np.take_along_axis(score, best, axis=1), 0.0, 1.0)
         return TopK(np.where(value > 0, best, -1), value)
-
-
-@dataclass(frozen=True)
-class Proposals:
-    """Proposals for wall surfaces and rooms; indices follow the graphs' `wall_surfaces` and `rooms`."""
-
-    walls: TopK
-    rooms: TopK
-
-    @staticmethod
-    def of_dense(walls: NDArray[np.floating[Any]], rooms: NDArray[np.floating[Any]]) -> "Proposals":
-        """Creates proposals from tables (surfaces of S, surfaces of A) and (rooms of S, rooms of A) of
-        probabilities.
-        """
-        return Proposals(TopK.of_dense(walls), TopK.of_dense(rooms))
