@@ -204,7 +204,8 @@ class Consensus(nn.Module):
 
     def forward(self, state: Tensor, feature: Tensor, likely: Tensor, support: Support, weight: Tensor) -> Tensor:
         """(N K, width) states after one round, from states, features (N K, PAIR_SIZE) and probabilities (N K,)."""
-        message = torch.cat((torch.ones_like(state[:, :REASONS]), torch.tanh(self.message(state))), dim=-1)
+        message = torch.tanh(self.message(state))
+        message = torch.cat((torch.ones_like(message), message), dim=-1)
         sent = (likely[:, None] * message)[support.other] * weight.repeat(1, 2)
         received = added(torch.zeros_like(message), support.pair, sent)
         return torch.as_tensor(self.after(state + self.step(torch.cat((state, received, feature), dim=-1))))

@@ -12,7 +12,7 @@ from safetensors.torch import save
 from torch import Tensor, nn
 
 from data.common.files import write_atomically
-from data.scene_graph import Room, SceneGraph, WallSurface
+from data.generation.buildings import generate_plan
 from matching.proposals.features import plan_features
 from matching.proposals.learned import MAP, OUTPUTS, PLAN
 from matching.proposals.network import Encoded, Graph, MatchingNetwork
@@ -51,7 +51,7 @@ def save_network(folder: Path, network: MatchingNetwork) -> None:
 def to_onnx(network: MatchingNetwork) -> bytes:
     """The network as an ONNX model for any number of walls and rooms."""
     with torch.no_grad():
-        graph = Graph.of(plan_features(_two_rooms()), network.sharpness.device)
+        graph = Graph.of(plan_features(generate_plan("apartment", 0).graph), network.sharpness.device)
         plan = network.encode(graph)
         inputs = (*graph[:5], plan.walls, plan.rooms, plan.wall, plan.room, plan.floor, plan.near)
         file = io.BytesIO()
@@ -85,14 +85,3 @@ def _simplified(content: bytes) -> bytes:
     del model.opset_import[:]
     model.opset_import.extend(used)
     return bytes(model.SerializeToString())
-
-
-def _two_rooms() -> SceneGraph:
-    """A plan to trace the network with."""
-    rooms, walls = [], []
-    for x in (0.0, 5.0):
-        room = f"r{x}"
-        rooms.append(Room(room, (x, 0.0)))
-        for nx, ny in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)):
-            walls.append(WallSurface(f"{room} {nx} {ny}", room, (x - 2 * nx, -1.5 * ny), (nx, ny), 4.0))
-    return SceneGraph("bim", tuple(rooms), tuple(walls))
