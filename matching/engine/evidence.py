@@ -76,7 +76,7 @@ class Chance:
         return Chance(storey, int(explained.argmax()))
 
 
-def evidence(scene: Scene, fields: Fields, table: Index, chance: Chance, noise: Noise = UNKNOWN) -> tuple[Array, Array]:
+def evidence(scene: Scene, fields: Fields, table: Index, chance: Chance, noise: Noise = UNKNOWN) -> Array:
     """(K,) nats, comparable between all fields of a scene."""
     now = judge(scene, table, fields.state, SIGMA_SCORE)
     homes = _homes(scene, table, now.quality)
