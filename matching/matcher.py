@@ -34,8 +34,9 @@ class Matcher:
 
         Args:
             method: One of
-                `learned`: a graph network proposes matches of walls, which are placed and verified (the default);
-                `voting`: the same, but the proposals are votes of wall corners; no weights, no network;
+                `learned`: a graph network and votes of wall corners propose matches, which are placed and verified (the
+                default);
+                `voting`: the same by the votes alone; no weights, no network;
                 `paper`: the published GATv2-Sinkhorn matcher; its assignment is the answer, without verification;
                 `combinatorial`: the search of iS-Graphs, which ends after 60 s at most.
                 `NAME@WEIGHTS` gives both name and weights, for example `paper@repository`.
@@ -90,18 +91,22 @@ class Matcher:
 
 
 def _voting() -> Method:
-    from matching.engine import GeometricMatcher  # compiled loops are slow to import
-    from matching.engine.voting_proposals import voting_proposals
+    from matching.engine import GeometricMatcher, voting_proposals  # compiled loops are slow to import
 
     return GeometricMatcher(voting_proposals)
 
 
 def _learned(weights: Path | str | None) -> Method:
-    from matching.engine import GeometricMatcher, among
+    """The network alone may mistake one of several equal rooms for another, and the corners see them all."""
+    from matching.engine import GeometricMatcher, Scene, TopK, among, together, voting_proposals
     from matching.proposals.learned import LearnedProposer
 
     network = LearnedProposer.load(weights)
-    return GeometricMatcher(lambda s, a, scene: among(network.propose(s, a, scene.s), scene.plan))
+
+    def proposed(s: SceneGraph, a: SceneGraph, scene: Scene) -> TopK:
+        return together(among(network.propose(s, a, scene.s), scene.plan), voting_proposals(s, a, scene))
+
+    return GeometricMatcher(proposed)
 
 
 def _paper(weights: Path | str | None) -> Method:

@@ -34,3 +34,13 @@ class TopK:
         best = np.argsort(-score, axis=1, kind="stable")[:, :most]
         value = np.clip(np.take_along_axis(score, best, axis=1), 0.0, 1.0)
         return TopK(np.where(value > 0, best, -1), value)
+
+
+def together(one: TopK, other: TopK) -> TopK:
+    """Merges proposals of two sources for each S wall, best first; a pair that both propose counts once, by the higher
+    of its scores."""
+    partner, score = np.hstack((one.partner, other.partner)), np.hstack((one.score, other.score))
+    order = np.argsort(-score, axis=1, kind="stable")
+    partner, score = np.take_along_axis(partner, order, axis=1), np.take_along_axis(score, order, axis=1)
+    again = np.tril(partner[:, :, None] == partner[:, None, :], -1).any(axis=2)
+    return TopK(np.where(again, -1, partner), np.where(again, 0.0, score))

@@ -15,7 +15,8 @@ from matching.engine.field_loops import SIGMA_SCORE
 from matching.engine.hypotheses import Hypotheses
 from matching.result import Status
 
-SURE = 0.99  # probability that the map is in the plan, and that it is in this place, of an answer that is unique
+SURE = 0.98  # probability that the map is in the plan, and that it is in this place, of an answer that is unique
+LEAST_SURFACES = 5  # of the map that have a partner: with fewer, any plan of a few walls would do
 MOST_UNEXPLAINED = 0.5  # of the map's walls, by length: where more is, the plan is not the map's
 PLACES_PER_M2 = 40.0  # that a vote can separate: four directions of the grid, a third of a metre
 
@@ -58,7 +59,7 @@ def verify(found: Hypotheses, pairs: Pairs) -> Verdict:
     best = calibration.best_of(signs.evidence, signs.unexplained)
     if signs.share > MOST_UNEXPLAINED:
         return Verdict("none", _unexplained(signs.share), in_plan * best)
-    if in_plan < SURE:
+    if in_plan < SURE or len(pairs.surfaces) < LEAST_SURFACES:
         reason = f"too little evidence at the best place ({own}): see more rooms"
         return Verdict("none", reason, in_plan * best)
     if best < SURE:

@@ -33,7 +33,7 @@ KINDS = ("apartment", "office", "corridor", "l_shape", "skewed", "mirrored_twins
 NOISE = ("real", "drift", "mis_segmented", "heavy_drift")
 ROOMS = (1, 2, 3, 4, 6, 9, None)
 SEEDS = 90  # of generated plans of each kind
-FOREIGN = 0.3  # share of maps of another plan
+FOREIGN = 0.4  # share of maps of another plan of the same kind, which is alike in parts
 RIGHT = 0.8  # of a hypothesis' wall pairs, by number, that are true
 COMPARED = 100  # hypotheses of a map whose truth is looked up: a tower has many equal places
 SATURATION = 60.0  # nats: beyond, more of them does not make a place more certain
@@ -73,7 +73,8 @@ def answers_on(count: int, seed: int) -> Iterator[Answer]:
     """Matches maps of generated plans until `count` of them have a hypothesis."""
     rng, done, arrays_of = np.random.default_rng(seed), 0, PlanCache(PlanWalls.of)
     while done < count:
-        plan, other = _plan(rng), _plan(rng)
+        kind = str(rng.choice(KINDS))
+        plan, other = _plan(kind, rng), _plan(kind, rng)
         foreign = rng.random() < FOREIGN
         rooms = ROOMS[int(rng.integers(len(ROOMS)))]
         drawn = draw(other if foreign else plan, str(rng.choice(NOISE)), rng, rooms)
@@ -93,8 +94,7 @@ def _generated(kind: str, seed: int) -> SceneGraph:
     return generate_plan(kind, seed).graph
 
 
-def _plan(rng: np.random.Generator) -> SceneGraph:
-    kind = str(rng.choice(KINDS))
+def _plan(kind: str, rng: np.random.Generator) -> SceneGraph:
     seeds = [k for k in range(SEEDS) if split_of(f"generated/{kind}_{k}") == "train"]
     return _generated(kind, int(rng.choice(seeds)))
 
