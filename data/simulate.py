@@ -38,9 +38,14 @@ def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m data.simulate", description=about, epilog=effects, formatter_class=formatter)
     add = parser.add_argument
     add("--bim", required=True, metavar="FILE", help=f"IFC file, or mesh ({', '.join(MESH_SUFFIXES)})")
-    add("--storey", action="append", default=[], metavar="NAME",
+    add(
+        "--storey",
+        action="append",
+        default=[],
+        metavar="NAME",
         help="name or GlobalId of the storey; required for an IFC file (mesh: name of a level, default the lowest); "
-        "repeat the option to continue by the stairs to further storeys")
+        "repeat the option to continue by the stairs to further storeys",
+    )
     add("--out", required=True, metavar="DIR", help="new or empty folder for scans and ground truth")
     add("--seed", type=int, default=0, help="random seed; the same seed gives the same bytes (default 0)")
     add("--min-rooms", type=int, default=8, metavar="N", help="number of rooms to enter (default 8, or all if fewer)")
@@ -48,34 +53,81 @@ def _parser() -> argparse.ArgumentParser:
     add("--moved-walls", type=float, default=0.0, metavar="SHARE", help="share of walls that are moved (default 0)")
     add("--moved-by", type=float, metavar="M", help="metres by which each is moved (default: 0.1 to 0.3 at random)")
     add("--absent-walls", type=float, default=0.0, metavar="SHARE", help="share of walls that are absent (default 0)")
-    add("--unplanned-walls", type=float, default=0.0, metavar="SHARE",
-        help="share of walls that are missing in the plan (default 0)")
-    add("--displaced-openings", type=float, default=0.0, metavar="SHARE",
-        help="share of doors and windows that are displaced along their wall (default 0)")
-    add("--filled-openings", type=float, default=0.0, metavar="SHARE",
-        help="share of doors and windows that are walled up (default 0)")
-    add("--displaced-columns", type=float, default=0.0, metavar="SHARE",
-        help="share of columns that are displaced (default 0)")
-    add("--absent-columns", type=float, default=0.0, metavar="SHARE",
-        help="share of columns that are absent (default 0)")
-    add("--displaced-by", type=float, default=0.1, metavar="M",
-        help="metres by which these openings and columns are displaced (default 0.1)")
+    add(
+        "--unplanned-walls",
+        type=float,
+        default=0.0,
+        metavar="SHARE",
+        help="share of walls that are missing in the plan (default 0)",
+    )
+    add(
+        "--displaced-openings",
+        type=float,
+        default=0.0,
+        metavar="SHARE",
+        help="share of doors and windows that are displaced along their wall (default 0)",
+    )
+    add(
+        "--filled-openings",
+        type=float,
+        default=0.0,
+        metavar="SHARE",
+        help="share of doors and windows that are walled up (default 0)",
+    )
+    add(
+        "--displaced-columns",
+        type=float,
+        default=0.0,
+        metavar="SHARE",
+        help="share of columns that are displaced (default 0)",
+    )
+    add(
+        "--absent-columns",
+        type=float,
+        default=0.0,
+        metavar="SHARE",
+        help="share of columns that are absent (default 0)",
+    )
+    add(
+        "--displaced-by",
+        type=float,
+        default=0.1,
+        metavar="M",
+        help="metres by which these openings and columns are displaced (default 0.1)",
+    )
     add("--and-back", action="store_true", help="drive the whole route back as well")
     add("--seconds", type=float, metavar="S", help="end the drive after this time in seconds")
-    add("--carrier", default="wheeled", metavar="NAME",
-        help=f"{', '.join(CARRIERS)}, or FILE.tum, a recorded motion to replay along the route (default wheeled)")
+    add(
+        "--carrier",
+        default="wheeled",
+        metavar="NAME",
+        help=f"{', '.join(CARRIERS)}, or FILE.tum, a recorded motion to replay along the route (default wheeled)",
+    )
     add("--pace", type=float, default=1.0, metavar="FACTOR", help="speed factor of the recorded motion (default 1)")
     add("--reversed", action="store_true", help="replay the recorded motion backwards")
-    add("--mount", type=_angles, default=(0.0, 0.0, 0.0), metavar="R,P,Y",
-        help="roll, pitch and yaw in degrees of the sensor on its carrier (default 0,0,0; upside down: 180,0,0)")
+    add(
+        "--mount",
+        type=_angles,
+        default=(0.0, 0.0, 0.0),
+        metavar="R,P,Y",
+        help="roll, pitch and yaw in degrees of the sensor on its carrier (default 0,0,0; upside down: 180,0,0)",
+    )
     add("--sensor", default="VLP-16", metavar="NAME", help=f"{', '.join(SENSORS)} (default VLP-16)")
     add("--imu", metavar="NAME", help=f"simulate an IMU as well, in scans/imu.csv: {', '.join(IMUS)} (default none)")
-    add("--stamp", choices=("start", "middle", "end"), default="start",
-        help="the instant of a scan that its stamp names (default start)")
+    add(
+        "--stamp",
+        choices=("start", "middle", "end"),
+        default="start",
+        help="the instant of a scan that its stamp names (default start)",
+    )
     add("--azimuths", type=int, metavar="N", help="azimuth steps per turn of a spinning sensor (default: the sensor's)")
     add("--effects", type=_names, nargs="+", default=[], metavar="LIST", help="comma-separated names; see below")
-    add("--speed", type=float, metavar="M/S",
-        help="metres per second (default: the carrier's; wheeled 0.8, on foot 1.1)")
+    add(
+        "--speed",
+        type=float,
+        metavar="M/S",
+        help="metres per second (default: the carrier's; wheeled 0.8, on foot 1.1)",
+    )
     add("--sensor-height", type=float, metavar="M", help="metres above the floor (default: the carrier's; wheeled 0.8)")
     add("--format", choices=SCAN_WRITERS, help="format of the scans (default bin; ply for points with times)")
     return parser

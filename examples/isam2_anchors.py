@@ -1,6 +1,6 @@
 """Anchors in iSAM2: they come as the map grows and is matched, and go where a wall is not as planned.
 
-    python examples/isam2_anchors.py
+python examples/isam2_anchors.py
 """
 
 from dataclasses import replace

@@ -1,6 +1,6 @@
 """Matches your own pose graph with planes to a plan, and anchors it there: from S-graph to optimum.
 
-    python examples/own_pose_graph.py
+python examples/own_pose_graph.py
 """
 
 import gtsam

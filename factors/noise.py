@@ -20,9 +20,7 @@ def noise_of_plane(sigma_normal: float, sigma_offset: float, huber: float | None
     return _robust(_diagonal([sigma_normal, sigma_normal, sigma_offset]), huber)
 
 
-def noise_of_pose(
-    sigma_rotation: float, sigma_translation: float, huber: float | None = None
-) -> gtsam.noiseModel.Base:
+def noise_of_pose(sigma_rotation: float, sigma_translation: float, huber: float | None = None) -> gtsam.noiseModel.Base:
     """Returns a noise model for a Pose3 residual: rotation (rad) first, then translation (m).
 
     `huber` is the threshold on the whitened residual; None gives a Gaussian model. Raises ValueError as

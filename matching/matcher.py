@@ -1,26 +1,16 @@
 """`Matcher`: finds where an S-graph lies in an A-graph, by one of several methods."""
 
-import time
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Protocol
 
 from data.common.errors import UserError
 from data.scene_graph import SceneGraph, implausible
-from matching.arrays import Walls, arrays, storeys
-from matching.combinatorial import DEVELOP, GRID, CombinatorialMatcher
-from matching.result import Hypothesis, MatchResult
-from matching.search import Start, near_start
-from matching.search.assignment import assign
-from matching.search.hypotheses import Placement, search
-from matching.search.verification import verify
-from matching.torch_extra import need_torch
+from matching.combinatorial import CombinatorialMatcher
+from matching.result import MatchResult
+from matching.start import Start
 
-LISTED = 10  # hypotheses in the result, at most
-BASELINES = ("pca-gm", "superglue")
-WITH_WEIGHTS = ("learned", "paper", *BASELINES)
-WITH_TORCH = ("paper", *BASELINES)
+WITH_WEIGHTS = ("learned", "paper")
 
 
 class Method(Protocol):
@@ -30,27 +20,6 @@ class Method(Protocol):
         self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
     ) -> MatchResult:
         """See `Matcher.match`."""
-
-
-class VotingMatcher:
-    """Generalised Hough transform: wall corners vote for motions, which are scored wall by wall and verified."""
-
-    def match(
-        self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
-    ) -> MatchResult:
-        """See `Matcher.match`."""
-        began = time.perf_counter()
-        candidates = [w for w in storeys(a) if floor is None or w.floor == floor]
-        for what, empty in (("S-graph", not s.wall_surfaces), ("A-graph", not candidates)):
-            if empty:
-                return MatchResult("none", f"the {what} has no wall surface")
-        walls = arrays(s, None, list(s.wall_surfaces))
-        found = search(walls, candidates, None if start is None else partial(near_start, start))
-        if not found:
-            near = "" if start is None else " near the start that was given (its yaw is in radians)"
-            reason = f"no wall corner of the map matches one in the plan{near}"
-            return MatchResult("none", reason, seconds=_since(began))
-        return _answer(found, candidates, began)
 
 
 class Matcher:
@@ -65,11 +34,11 @@ class Matcher:
 
         Args:
             method: One of
-                `learned`: a graph network proposes matches, which are verified geometrically (the default);
-                `voting`: wall corners vote for motions, which are verified; no weights, no network;
+                `learned`: a graph network and votes of wall corners propose matches, which are placed and verified (the
+                default);
+                `voting`: the same by the votes alone; no weights, no network;
                 `paper`: the published GATv2-Sinkhorn matcher; its assignment is the answer, without verification;
-                `pca-gm`, `superglue`: these networks on this project's features; their assignment is the answer;
-                `combinatorial`, `combinatorial-grid`: the search of iS-Graphs, as released and as in its later branch.
+                `combinatorial`: the search of iS-Graphs, which ends after 60 s at most.
                 `NAME@WEIGHTS` gives both name and weights, for example `paper@repository`.
             weights: A file of weights; for `paper` also `published` (the default) or `repository`. None loads the
                 weights that come with the package.
@@ -79,24 +48,20 @@ class Matcher:
 
         Raises:
             UserError: The name is unknown, the method takes no weights, the file has no weights that fit, or PyTorch,
-                which `paper`, `pca-gm` and `superglue` need, is not installed.
+                which `paper` needs, is not installed.
         """
         name, _, named = method.partition("@")
         weights = named or weights
         methods: dict[str, Callable[[], Method]] = {
-            "voting": VotingMatcher,
+            "voting": _voting,
             "learned": lambda: _learned(weights),
             "paper": lambda: _paper(weights),
-            **{kind: partial(_baseline, kind, weights) for kind in BASELINES},
-            "combinatorial": lambda: CombinatorialMatcher(DEVELOP),
-            "combinatorial-grid": lambda: CombinatorialMatcher(GRID),
+            "combinatorial": CombinatorialMatcher,
         }
         if name not in methods:
             raise UserError(f"no matching method '{name}'; there are: {', '.join(methods)}")
         if weights is not None and name not in WITH_WEIGHTS:
             raise UserError(f"the matching method '{name}' takes no weights; {', '.join(WITH_WEIGHTS)} do")
-        if name in WITH_TORCH:
-            need_torch(f"the matching method '{name}'")
         return Matcher(methods[name]())
 
     def match(
@@ -125,51 +90,28 @@ class Matcher:
         return self._method.match(s, a, floor=floor, start=start)
 
 
-def _learned(weights: Path | str | None) -> Method:
-    from matching.deformation import DeformableMatcher  # compiled loops are slow to import
-    from matching.learned import LearnedProposer
-    from matching.search.voting_proposals import voting_proposals
+def _voting() -> Method:
+    from matching.engine import GeometricMatcher, voting_proposals  # compiled loops are slow to import
 
-    return DeformableMatcher(LearnedProposer.load(weights).propose, voting_proposals)
+    return GeometricMatcher(voting_proposals)
+
+
+def _learned(weights: Path | str | None) -> Method:
+    """The network alone may mistake one of several equal rooms for another, and the corners see them all."""
+    from matching.engine import GeometricMatcher, Scene, TopK, among, together, voting_proposals
+    from matching.proposals.learned import LearnedProposer
+
+    network = LearnedProposer.load(weights)
+
+    def proposed(s: SceneGraph, a: SceneGraph, scene: Scene) -> TopK:
+        return together(among(network.propose(s, a, scene.s), scene.plan), voting_proposals(s, a, scene))
+
+    return GeometricMatcher(proposed)
 
 
 def _paper(weights: Path | str | None) -> Method:
-    from matching.published.matcher import PaperMatcher
-
-    return PaperMatcher.load(weights)
-
-
-def _baseline(kind: str, weights: Path | str | None) -> Method:
-    from matching.published.baselines import BaselineMatcher
-
-    return BaselineMatcher.load(kind, weights)
-
-
-def _answer(found: list[Placement], candidates: list[Walls], began: float) -> MatchResult:
-    best = found[0]
-    s, a = best.pairing.s, best.storey
-    pairs = [assign(p) for p in found[:LISTED]]
-    verdict = verify(found, candidates, pairs[0])
-    hypotheses = []
-    for p, of in zip(found, pairs, strict=False):
-        rooms = tuple((s.rooms[r].id, p.storey.rooms[q].id) for r, q, _ in of.rooms)
-        hypotheses.append(Hypothesis(p.score, _triple(p), p.storey.floor, rooms))
-    return MatchResult(
-        verdict.status,
-        verdict.reason,
-        tuple((s.rooms[r].id, a.rooms[q].id, c * verdict.probability) for r, q, c in pairs[0].rooms),
-        tuple((s.ids[i], a.ids[j], c * verdict.probability) for i, j, c in pairs[0].surfaces),
-        None if verdict.status == "none" else _triple(best),
-        a.floor,
-        tuple(hypotheses),
-        _since(began),
-    )
-
-
-def _triple(placement: Placement) -> tuple[float, float, float]:
-    yaw, x, y = placement.T_a_s.tolist()
-    return yaw, x, y
-
-
-def _since(began: float) -> float:
-    return time.perf_counter() - began
+    try:
+        from matching.published.matcher import PaperMatcher, load_paper_network
+    except ModuleNotFoundError as error:
+        raise UserError(f"the matching method 'paper' needs {error.name}; pip install 'sgslam[torch]'") from None
+    return PaperMatcher(load_paper_network(weights or "published"))

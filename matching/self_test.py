@@ -1,21 +1,10 @@
-"""Small jobs that check the installation: PyTorch, a matcher's first result, a network file for readers."""
+"""Small jobs that check the installation: a matcher's first result, a network file for readers."""
 
 from pathlib import Path
 
-import numpy as np
-
 from data.common.compiling import once_on_two_cores
 from data.scene_graph import Door, Room, SceneGraph, WallSurface
-from matching.arrays import Walls
 from matching.matcher import Matcher
-from matching.search import Proposals, TopK
-
-
-def work() -> None:
-    """Raises if PyTorch does not work on this machine."""
-    import torch  # slow to import
-
-    assert float((torch.eye(3) @ torch.ones(3)).sum()) == 3
 
 
 def make_ready(matcher: Matcher, method: str) -> None:
@@ -31,20 +20,14 @@ def make_ready(matcher: Matcher, method: str) -> None:
 
 def propose() -> None:
     """The first half of what `learned` compiles."""
-    from matching.learned import LearnedProposer
+    from matching.proposals.learned import LearnedProposer
 
     LearnedProposer.load().propose(three_rooms(), three_rooms())
 
 
 def search() -> None:
-    """Compiles the other half: without proposals, all steps of placing and verification run."""
-    from matching.deformation import DeformableMatcher
-    from matching.search.voting_proposals import voting_proposals
-
-    def nothing(s: SceneGraph, a: SceneGraph, known: Walls) -> Proposals:
-        return Proposals(*(TopK(np.zeros((n, 0), dtype=np.int64), np.zeros((n, 0))) for n in (len(s.wall_surfaces), 0)))
-
-    DeformableMatcher(nothing, voting_proposals).match(three_rooms(), three_rooms())
+    """Compiles the other half."""
+    Matcher.load("voting").match(three_rooms(), three_rooms())
 
 
 def three_rooms() -> SceneGraph:
@@ -61,11 +44,11 @@ def three_rooms() -> SceneGraph:
 
 
 def write_small_network(path: Path) -> None:
-    """Writes a small untrained network, always the same."""
+    """Writes a small untrained network (.onnx), always the same."""
     import torch
 
-    from matching.learned.torch_weights import save_network
-    from matching.network.registry import network_of, settings_of
+    from matching.proposals.network import MatchingNetwork, Settings
+    from matching.training.export import to_onnx
 
     torch.manual_seed(0)
-    save_network(path, network_of(settings_of("learned", {"width": 8, "layers": 1, "state": 4})))
+    path.write_bytes(to_onnx(MatchingNetwork(Settings(width=8, layers=1, candidates=4, more=2, state=4))))

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from data.common.cli import Parser, add_workers, run_command
 from data.common.errors import UserError
-from matching.torch_extra import need_torch
 
 if TYPE_CHECKING:
     from data.plans.sources import Plan
@@ -23,27 +22,31 @@ def main(arguments: list[str] | None = None) -> int:
     """Runs the command. Raises UserError."""
     given = sys.argv[1:] if arguments is None else arguments
     options = _parser().parse_args(given)
-    _check(options)
-    need_torch("training")
+    if min(options.steps, options.every) < 1 or not options.minutes > 0 or options.workers < 0:
+        raise UserError("--steps, --every and --minutes must be positive, --workers not negative")
+    if options.device not in DEVICES:
+        raise UserError(f"--device {options.device}: give one of {', '.join(DEVICES)}")
+    try:
+        import torch  # slow to import, as is what follows
+    except ModuleNotFoundError:
+        raise UserError("training needs PyTorch; pip install 'sgslam[torch]'") from None
     own, others = _split(options.plans)
 
-    import torch  # slow to import, as is what follows
-
-    from matching.learned.torch_weights import save_network
-    from matching.learned.weights_file import SUFFIX
-    from matching.network.registry import settings_of
+    from matching.proposals.network import Settings
     from matching.training.data import Drawing, held_out, seeds_of
+    from matching.training.export import save_network
     from matching.training.report import draw_curve, write_card, write_curve
     from matching.training.stream import batches
     from matching.training.trainer import Limits, Row, Training, train
 
-    device = torch.device(_device(options.device, torch.cuda.is_available()))
-    settings = settings_of(options.network)
+    if options.device == "cuda" and not torch.cuda.is_available():
+        raise UserError("--device cuda: no GPU that torch can use; leave it out to train on the processor")
+    device = "cuda" if options.device != "cpu" and torch.cuda.is_available() else "cpu"
+    torch.set_num_threads(1)  # more are slower: the tables of a pair are small
     out: Path = options.out
     out.mkdir(parents=True, exist_ok=True)
     drawing = Drawing(tuple(own), seeds_of("train", GENERATED))
-    training = Training.begin(settings, options.seed, device)
-    weights = f"learned{SUFFIX}" if options.network == "learned" else f"{options.network}.pt"
+    training = Training.begin(Settings(), options.seed, device)
     checkpoint = out / "checkpoint.pt"
     if checkpoint.exists():
         training.load(checkpoint)
@@ -51,7 +54,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     def on_evaluation(row: Row) -> None:
         training.save(checkpoint)
-        save_network(out / weights, training.best_network())
+        save_network(out, training.best_network())
         write_curve(out, training.curve)
         shown = "  ".join(f"{k} {row[k]:.3f}" for k in ("loss", "surprise", "walls", "rooms", "none", "first"))
         print(f"step {int(row['step'])}  {row['minutes']:.1f} min  {shown}", flush=True)
@@ -63,47 +66,41 @@ def main(arguments: list[str] | None = None) -> int:
     print(ended)
     draw_curve(out, training.curve)
     data = {"plans": len(own), "plans_held_out": len(others), "batches": training.step}
-    write_card(out, _card(options, given, training, ended, data))
+    write_card(out, {**_card(options, given, training), "ended": ended, "data": _data(options) | data})
     return 0
 
 
-def _check(options: Namespace) -> None:
-    """Raises UserError for values that are out of range."""
-    if min(options.steps, options.every) < 1 or not options.minutes > 0 or options.workers < 0:
-        raise UserError("--steps, --every and --minutes must be positive, --workers not negative")
-    if options.device not in DEVICES:
-        raise UserError(f"--device {options.device}: give one of {', '.join(DEVICES)}")
-
-
-def _card(
-    options: Namespace, given: list[str], training: "Training", ended: str, data: dict[str, int]
-) -> dict[str, Any]:  # fmt: skip
-    """The model card: what was trained, on which data, and how it ended."""
+def _card(options: Namespace, given: list[str], training: "Training") -> dict[str, Any]:
+    """The model card's entries on the network and the run."""
+    named = [
+        Path(g).name if Path(g).is_absolute() else g for g in given
+    ]  # paths of this machine mean nothing elsewhere
     return {
-        "what": "proposes partners of S wall surfaces and rooms in a plan; its answers are to be verified",
-        "network": options.network,
-        "settings": training.network.to_dict(), "parameters": sum(p.numel() for p in training.network.parameters()),
-        "command": shlex.join(["python", "-m", "matching.train", *(_named(g) for g in given)]),
-        "seed": options.seed, "ended": ended,
-        "data": {
-            "generated": f"of each kind the seeds below {GENERATED} that are in the split 'train'",
-            "held_out": "the split 'validation' of both; 'test' was not looked at",
-            "files": [p.name for p in options.plans], **data,
-        },
+        "what": "proposes partners of S wall surfaces in a plan; its answers are to be verified",
+        "network": "learned",
+        "settings": vars(training.network.settings),
+        "parameters": sum(p.numel() for p in training.network.parameters()),
+        "command": shlex.join(["python", "-m", "matching.train", *named]),
+        "seed": options.seed,
         "held_out": min(training.curve, key=lambda row: row["surprise"]),
-    }  # fmt: skip
+    }
+
+
+def _data(options: Namespace) -> dict[str, Any]:
+    return {
+        "generated": f"of each kind the seeds below {GENERATED} that are in the split 'train'",
+        "held_out": "the split 'validation' of both; 'test' was not looked at",
+        "files": [p.name for p in options.plans],
+    }
 
 
 def _parser() -> Parser:
     parser = Parser(
         prog="python -m matching.train",
         description="Train the matching network on generated plans and on the given ones; resume if --out holds a "
-        "run. Write learned.npz (or NETWORK.pt), curve.csv, curve.png and model_card.json.",
+        "run. Write learned.onnx, learned.safetensors, curve.csv, curve.png and model_card.json.",
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the run")
-    parser.add_argument(
-        "--network", default="learned", metavar="NAME", help="learned (default), or a baseline: pca-gm, superglue"
-    )
     parser.add_argument("--plans", type=Path, nargs="*", default=[], metavar="PATH", help="plans: files or folders")
     parser.add_argument("--steps", type=int, default=20_000, metavar="N", help="maximum steps (default: 20000)")
     parser.add_argument("--minutes", type=float, default=float("inf"), metavar="M", help="maximum time in minutes")
@@ -112,17 +109,6 @@ def _parser() -> Parser:
     add_workers(parser, "--workers", "number of processes that draw data (default: 1)")
     parser.add_argument("--device", default="auto", help="cpu, cuda, or auto (default): a GPU if there is one")
     return parser
-
-
-def _named(argument: str) -> str:
-    """Shortens absolute paths to names, since paths of this machine mean nothing elsewhere."""
-    return Path(argument).name if Path(argument).is_absolute() else argument
-
-
-def _device(name: str, gpu: bool) -> str:
-    if name == "cuda" and not gpu:
-        raise UserError("--device cuda: no GPU that torch can use; leave it out to train on the processor")
-    return name if name != "auto" else "cuda" if gpu else "cpu"
 
 
 def _split(paths: list[Path]) -> tuple[list["Plan"], list["Plan"]]:

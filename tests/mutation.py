@@ -32,10 +32,9 @@ TESTS = {  # of each module; what is compiled once must not be compiled for each
     "sgslam/anchoring/floor_anchoring.py": (*BUILDING, "tests/sgslam/anchoring/test_floor_anchoring.py"),
     "sgslam/registration/health.py": ("tests/sgslam/registration/test_health.py",),
     "sgslam/session/soundness/quality.py": ("tests/sgslam/outputs/test_quality.py",),
-    "matching/search/verification.py": VERDICTS,
-    "matching/search/confidence.py": VERDICTS,
-    "matching/deformation/verification.py": VERDICTS,
-    "matching/deformation/alternative_placements.py": (
+    "matching/engine/verdict.py": VERDICTS,
+    "matching/engine/calibration.py": VERDICTS,
+    "matching/engine/alternatives.py": (
         *VERDICTS, "tests/matching/test_equal_rooms.py", "tests/matching/test_verified_matching.py",
     ),
 }  # fmt: skip

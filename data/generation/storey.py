@@ -126,9 +126,7 @@ def _door_sites(edges: list[Points], gaps: Gaps) -> Sites:
     return sites
 
 
-def _site(
-    a: int, b: int, rooms: list[Area], edges: list[Points], sites: Sites, rng: np.random.Generator
-) -> Xy:
+def _site(a: int, b: int, rooms: list[Area], edges: list[Points], sites: Sites, rng: np.random.Generator) -> Xy:
     """The middle of a door in the wall between two rooms: near an end of the wall, or at its middle."""
     spots = sites[a, b]
     k, low, high = spots[int(rng.integers(len(spots)))]

@@ -144,7 +144,6 @@ def _standing(pieces: list[Piece], plane: Edge, middle: float) -> Iterator[tuple
         yield source, low - middle, high - middle, is_whole
 
 
-
 def _height(
     level: Level, room: str | None, plane: Edge, span: tuple[float, float], solids: list[Solid]
 ) -> tuple[float, float]:

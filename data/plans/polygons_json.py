@@ -1,7 +1,7 @@
 """Floor plans as JSON: `rooms` with GeoJSON polygons in metres, `elements` with walls, doors and windows likewise.
 
-    {"name": ..., "unit": "m", "rooms": [{"name" or "type": ..., "polygon": {"type": "Polygon", "coordinates": ...}}],
-     "elements": {"wall": [{"polygon": ...}], "door": [...], "entrance_door": [...], "window": [...], ...}}
+{"name": ..., "unit": "m", "rooms": [{"name" or "type": ..., "polygon": {"type": "Polygon", "coordinates": ...}}],
+ "elements": {"wall": [{"polygon": ...}], "door": [...], "entrance_door": [...], "window": [...], ...}}
 """
 
 import json

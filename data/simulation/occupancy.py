@@ -103,9 +103,7 @@ def _draw(blank: NDArray[np.uint8], origin: NDArray[np.float64], triangles: Tria
     return image
 
 
-def _footprints(
-    blank: NDArray[np.uint8], origin: NDArray[np.float64], spaces: tuple[Space, ...]
-) -> NDArray[np.int32]:
+def _footprints(blank: NDArray[np.uint8], origin: NDArray[np.float64], spaces: tuple[Space, ...]) -> NDArray[np.int32]:
     """The index of the space over each cell, -1 for none; where spaces overlap, the smaller one."""
     drawn = [_draw(blank, origin, s.bottom) for s in spaces]
     label = np.full(blank.shape, -1, np.int32)

@@ -83,9 +83,7 @@ def load_storey(
     return _storey_model(model, entity, _Shapes.of(model), changes, seed, tolerance, f"{ifc}: storey '{storey}'")
 
 
-def load_storeys(
-    ifc: Path | str, storeys: Sequence[str], seed: int = 0, tolerance: float = 0.0
-) -> list[StoreyModel]:
+def load_storeys(ifc: Path | str, storeys: Sequence[str], seed: int = 0, tolerance: float = 0.0) -> list[StoreyModel]:
     """As `load_storey`, for several storeys without changes. A storey named twice is read once."""
     model = open_ifc(ifc)
     entities = {name: _find_storey(model, name, ifc) for name in storeys}

@@ -1,7 +1,6 @@
-"""The methods that are compared: those of `Matcher`, and two that only serve the comparison.
+"""The methods that are compared: those of `Matcher`, and one that only serves the comparison.
 
-`proposals-voting` is `learned` without its network: the map's corners vote for what is then completed and verified by
-the same steps. `oracle` is `learned` that knows the storey, and the place to within 3 m: what it misses is lost in the
+`oracle` is `learned` that knows the storey, and the place to within 3 m: what it misses is lost in the
 noise of the walls, not in the search.
 """
 
@@ -14,10 +13,10 @@ from evaluation.matching.pairs import NEGATIVE, PERTURBED, PUBLISHED, PUBLISHED_
 from matching import Matcher, MatchResult
 from matching.self_test import make_ready
 
-ORACLE, PROPOSALS = "oracle", "proposals-voting"
+ORACLE = "oracle"
 COMBINATORIAL = "combinatorial"
 PAPER = ("paper@published", "paper@repository")
-ALL = ("learned", PROPOSALS, "voting", ORACLE, *PAPER, COMBINATORIAL)
+ALL = ("learned", "voting", ORACLE, *PAPER, COMBINATORIAL)
 
 
 def applies(method: str, regime: str) -> bool:
@@ -32,12 +31,7 @@ def applies(method: str, regime: str) -> bool:
 @lru_cache(maxsize=8)
 def matcher_named(name: str) -> Matcher:
     """The matcher of this name. Raises UserError for an unknown one."""
-    if name != PROPOSALS:
-        return Matcher.load("learned" if name == ORACLE else name)
-    from matching.deformation import DeformableMatcher
-    from matching.search.voting_proposals import voting_proposals
-
-    return Matcher(DeformableMatcher(voting_proposals))
+    return Matcher.load("learned" if name == ORACLE else name)
 
 
 @lru_cache(maxsize=8)

@@ -11,6 +11,7 @@ from data.geometry import se2
 from data.synthetic_maps.exploration import Storey, storeys_of
 from data.synthetic_maps.walks import perfect_map
 from matching.ambiguity.symmetries import Symmetry, symmetries
+from matching.engine.plan_walls import PlanWalls
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class SelfSimilarity:
     """Finds and caches the symmetries of perfect maps of an A-graph's rooms."""
 
     def __init__(self, a: SceneGraph) -> None:
-        self._a = a
+        self._a, self._plan = a, PlanWalls.of(a)
         self._cache: dict[frozenset[str], list[Symmetry]] = {}
         self._storeys = {s.floor: s for s in storeys_of(a)}
 
@@ -44,7 +45,8 @@ class SelfSimilarity:
         """The other placements of a perfect map of these rooms, which lie on one storey."""
         key = frozenset(rooms)
         if key not in self._cache:
-            self._cache[key] = symmetries(perfect_map(self._a, key), self._a)
+            seen = perfect_map(self._a, key).s_graph
+            self._cache[key] = [] if self._plan is None else symmetries(seen, self._plan)
         return self._cache[key]
 
     def similar_places(self, rooms: Collection[str]) -> list[SimilarPlace]:

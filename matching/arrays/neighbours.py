@@ -83,8 +83,9 @@ def _nearest(
             least = 1.02 * np.sqrt(x * x + y * y) - half[one] - half[other]  # of what is worked out to rank them
             if least > cost[one, size - 1] and least > cost[other, size - 1]:
                 continue
-            gap = np.sqrt(min(_gap(x, y, one, other, normal, tangent, half),
-                              _gap(-x, -y, other, one, normal, tangent, half)))
+            gap = np.sqrt(
+                min(_gap(x, y, one, other, normal, tangent, half), _gap(-x, -y, other, one, normal, tangent, half))
+            )
             _ranked(one, other, gap, x, y, normal, tangent, nearest, gaps, cost)
             _ranked(other, one, gap, -x, -y, normal, tangent, nearest, gaps, cost)
     return nearest, gaps

@@ -38,6 +38,13 @@ class Walls(WallDirections):
     def __len__(self) -> int:
         return len(self.ids)
 
+    def __getitem__(self, chosen: Index) -> "Walls":
+        """Some of the walls; frame and rooms stay."""
+        ids = tuple(self.ids[n] for n in chosen.tolist())
+        centre, heading, half = self.centre[chosen], self.heading[chosen], self.half[chosen]
+        known, room = self.known[chosen], self.room[chosen]
+        return Walls(ids, self.floor, centre, heading, half, known, room, self.rooms, self.T_graph_own)
+
     @cached_property
     def lines(self) -> Array:
         """(N, 6) half length, heading, normal (2), and the centre along the normal and along the tangent."""
@@ -113,6 +120,11 @@ def arrays(graph: SceneGraph, floor: str | None, surfaces: list[WallSurface]) ->
     if not known.all():
         half = np.where(known, half, _half_from_room(own, heading, room))
     return Walls(tuple(w.id for w in surfaces), floor, own, heading, half, known, room, tuple(rooms), T_graph_own)
+
+
+def between_graphs(s: Walls, a: Walls, motion: Array) -> Array:
+    """(3,) T_a_s between the graphs' frames, from a motion between their own frames."""
+    return se2.compose(se2.compose(a.T_graph_own, motion), se2.inverse(s.T_graph_own))
 
 
 def crossings(centre: Array, heading: Array) -> tuple[Array, Array]:

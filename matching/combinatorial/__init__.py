@@ -1,11 +1,5 @@
-"""The combinatorial search of iS-Graphs, as a baseline."""
+"""The combinatorial search of iS-Graphs, a baseline: finds an S-graph in an A-graph without learning."""
 
 from matching.combinatorial.search import CombinatorialMatcher
-from matching.combinatorial.settings import DEVELOP, GRID, CombinatorialSettings
 
-__all__ = [
-    "DEVELOP",
-    "GRID",
-    "CombinatorialMatcher",
-    "CombinatorialSettings",
-]
+__all__ = ["CombinatorialMatcher"]

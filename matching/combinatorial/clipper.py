@@ -1,86 +1,132 @@
-"""The densest set of pairs that all agree, for many small problems at once.
+"""The largest sets of pairs that agree: every assignment of S data to A data is tried, and CLIPPER takes of each the
+pairs that agree with each other.
 
 P. C. Lusk, K. Fathian, J. P. How: CLIPPER: A Graph-Theoretic Framework for Robust Data Association. ICRA 2021.
 max u'Mu over unit u >= 0 with u_i u_j = 0 where i and j contradict each other (M_ij = 0): projected gradient ascent
 of u'(M - d C)u, C marking contradictions, with d raised until none is left.
 """
 
-from collections.abc import Callable
+import itertools
+import math
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data.geometry.se2 import Array
+from matching.arrays import Index
 
-INNER, OUTER = 200, 1000
+LEAST_SCORE = 0.85  # of a set of pairs, as in the released matcher
+MOST_ASSIGNMENTS, MOST_AFFINITIES = 4096, 1 << 20  # that are computed at once
+
+# of the ascent
+INNER, OUTER = 200, 1000  # iterations at most: steps for one d, and values of d
 STEP_TOLERANCE, VALUE_TOLERANCE, ZERO = 1e-8, 1e-9, 1e-9
-BACK, MOST_BACK = 0.25, 99  # a step that loses is cut to a quarter
+BACKTRACK, MOST_BACKTRACKS = 0.25, 99  # a step that loses is cut to a quarter
+
+Pairs = tuple[tuple[int, int], ...]  # (S, A) rows
+
+
+class TimeIsUpError(Exception):
+    """The search exceeded its time limit."""
 
 
 @dataclass(frozen=True)
-class Dense:
-    """Solutions of B problems: `value` u'Mu (B,), and which of the n pairs are `chosen` (B, n), as many as the
-    value.
+class Deadline:
+    """The time at which the search stops, by `time.perf_counter()`."""
+
+    at: float
+
+    def check(self) -> None:
+        """Raises TimeIsUpError."""
+        if time.perf_counter() > self.at:
+            raise TimeIsUpError
+
+
+@dataclass(frozen=True)
+class AgreeingSet:
+    """Pairs that agree, and their score: 1 if entirely."""
+
+    pairs: Pairs
+    score: float
+
+
+def assignments(s: int, a: int, fits: NDArray[np.bool_] | None = None) -> Iterator[Index]:
+    """Yields all ways to assign s data different ones of a data, (B, s) at a time; none if s is more than a.
+
+    With `fits` (a, s), only those whose pairs all fit.
     """
-
-    value: Array
-    chosen: NDArray[np.bool_]
-
-    @property
-    def score(self) -> Array:
-        """(B,) the value per chosen pair: 1 where all agree entirely."""
-        return np.asarray(self.value / np.maximum(self.chosen.sum(axis=1), 1))
+    every = itertools.chain.from_iterable(itertools.permutations(range(a), s))
+    chunk = min(MOST_ASSIGNMENTS, max(1, MOST_AFFINITIES // max(s, 1) ** 2))
+    for _ in range(-(-math.perm(a, s) // chunk) if s else 0):
+        of_a = np.fromiter(itertools.islice(every, chunk * s), dtype=np.int64).reshape(-1, s)
+        yield of_a if fits is None else of_a[fits[of_a, np.arange(s)].all(axis=1)]
 
 
-def densest(M: Array, rng: np.random.Generator, restarts: int = 1, check: Callable[[], None] = lambda: None) -> Dense:
-    """Solves B problems of (B, n, n) affinities in [0, 1], 1 on the diagonal (0 for a pair that is excluded).
+def agreeing_sets(
+    assigned: Iterator[Index], affinity: Callable[[Index], Array], deadline: Deadline
+) -> list[AgreeingSet]:
+    """Returns the largest sets of pairs within the assignments whose score is above `LEAST_SCORE`, each once, in order
+    of finding.
 
-    Starts are random; the best of several is returned. `check` is called regularly and may raise to stop the search.
+    `affinity` maps (B, n), the A data of the n S data, to (B, n, n) affinities in [0, 1], 1 on the diagonal. Raises
+    TimeIsUpError.
     """
-    best = np.full(len(M), -np.inf)
-    vector = np.zeros(M.shape[:2])
-    for _ in range(restarts):
-        value, u = _ascent(M, rng.random(M.shape[:2]), check)
-        better = value > best
-        best[better], vector[better] = value[better], u[better]
-    rank = np.argsort(np.argsort(-vector, axis=1, kind="stable"), axis=1)
-    return Dense(best, rank < np.round(best)[:, None])
+    rng = np.random.default_rng(0)  # the publication takes any seed; a fixed one gives the same answer each time
+    found: dict[Pairs, float] = {}
+    longest = 0
+    for of_a in assigned:
+        deadline.check()
+        value, chosen = densest(affinity(of_a), rng, deadline)
+        size = chosen.sum(axis=1)
+        score = value / np.maximum(size, 1)
+        longest = max(longest, int(size[score > LEAST_SCORE].max(initial=0)))
+        for k in np.nonzero((score > LEAST_SCORE) & (size == longest))[0]:
+            at = np.nonzero(chosen[k])[0]
+            found.setdefault(tuple(zip(at.tolist(), of_a[k, at].tolist(), strict=True)), float(score[k]))
+    return [AgreeingSet(pairs, score) for pairs, score in found.items() if len(pairs) == longest > 0]
 
 
-def _ascent(M: Array, u: Array, check: Callable[[], None]) -> tuple[Array, Array]:
-    """(B,) values and (B, n) vectors from the starts u."""
+def densest(M: Array, rng: np.random.Generator, deadline: Deadline) -> tuple[Array, NDArray[np.bool_]]:
+    """Solves B problems of (B, n, n) affinities from random starts.
+
+    Returns u'Mu (B,), and which of the n pairs are chosen (B, n): the largest entries of u, as many as the value.
+    Raises TimeIsUpError.
+    """
+    u = _unit(_times(M, rng.random(M.shape[:2])))
     contradicts = (M == 0).astype(float)
-    u = _unit(_times(M, u))
     d = _penalty(M, contradicts, u)
     value = np.zeros(len(M))
     left = np.arange(len(M))
     for _ in range(OUTER):
-        value[left], u[left] = _climb(M[left] - d[left, None, None] * contradicts[left], u[left], check)
+        value[left], u[left] = _climb(M[left] - d[left, None, None] * contradicts[left], u[left], deadline)
         more = _penalty(M[left], contradicts[left], u[left])
         d[left] += more
         left = left[more > 0]
         if not len(left):
             break
-    return value, u
+    rank = np.argsort(np.argsort(-u, axis=1, kind="stable"), axis=1)
+    return value, rank < np.round(value)[:, None]
 
 
-def _climb(Md: Array, u: Array, check: Callable[[], None]) -> tuple[Array, Array]:
+def _climb(Md: Array, u: Array, deadline: Deadline) -> tuple[Array, Array]:
     """Projected gradient ascent of u'Md u on the part u >= 0 of the unit sphere."""
     value = np.sum(u * _times(Md, u), axis=1)
     left = np.arange(len(Md))
     for _ in range(INNER):
-        check()
+        deadline.check()
         now, own, before = u[left], Md[left], value[left]
         gradient = _times(own, now)
         step = np.ones(len(left))
-        for _ in range(MOST_BACK):
+        for _ in range(MOST_BACKTRACKS):
             new = _unit(np.maximum(now + step[:, None] * gradient, 0.0))
             after = np.sum(new * _times(own, new), axis=1)
             lost = after < before - VALUE_TOLERANCE
             if not lost.any():
                 break
-            step[lost] *= BACK
+            step[lost] *= BACKTRACK
         u[left], value[left] = new, after
         moved = np.linalg.norm(new - now, axis=1) >= STEP_TOLERANCE
         left = left[moved & (np.abs(after - before) >= VALUE_TOLERANCE)]

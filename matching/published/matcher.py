@@ -1,54 +1,96 @@
-"""The published matcher: every node of the S-graph gets a partner, without verification."""
+"""The published matcher: every node of the S-graph gets a partner, without verification; and its network's files."""
 
+import json
+import time
+from collections import Counter
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+import safetensors.torch
 import torch
 from scipy.optimize import linear_sum_assignment
 
+from data.common.errors import UserError
+from data.common.files import write_atomically
 from data.geometry import se2
 from data.geometry.se2 import Array
-from data.scene_graph import SceneGraph, Xy
+from data.scene_graph import SceneGraph
 from matching.published.graph import paper_graph
-from matching.published.network import Nodes, PaperNetwork
-from matching.published.weights import load_paper_network
-from matching.result import MatchResult, Pair
-from matching.search import Start
-from matching.search.unchecked import match_unchecked
+from matching.published.network import PRESETS, PaperNetwork, PaperSettings
+from matching.result import Hypothesis, MatchResult, Pair
+from matching.start import Start, near_start
 
+SHIPPED = Path(__file__).parents[1] / "weights"
 REASON = "the published matcher answers every time; nothing was checked"
 
 
+def save_paper_network(path: Path, network: PaperNetwork) -> None:
+    """Writes weights, in single precision, and settings as a safetensors file, atomically."""
+    metadata = {"settings": json.dumps(asdict(network.settings))}
+    write_atomically(path, safetensors.torch.save(dict(network.state_dict()), metadata))
+
+
+def load_paper_network(weights: Path | str) -> PaperNetwork:
+    """Reads a network from a file, or the shipped one of a preset (`published`, `repository`), ready for inference.
+
+    Raises UserError if the file is missing or does not hold such a network.
+    """
+    path = SHIPPED / f"paper_{weights}.safetensors" if weights in PRESETS else Path(weights)
+    try:
+        with safetensors.safe_open(path, framework="pt") as file:
+            settings = PaperSettings(**json.loads(file.metadata()["settings"]))
+        network = PaperNetwork(settings)
+        safetensors.torch.load_model(network, path)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror or error}); give a network's file") from None
+    except (safetensors.SafetensorError, KeyError, TypeError, ValueError, RuntimeError):
+        raise UserError(f"{path}: not a network that 'python -m matching.published.train' writes") from None
+    return network.eval().requires_grad_(False)
+
+
+@dataclass(frozen=True)
 class PaperMatcher:
     """Matches by the network's soft assignment and the Hungarian algorithm."""
 
-    def __init__(self, network: PaperNetwork) -> None:
-        self._network = network
-
-    @staticmethod
-    def load(weights: Path | str | None = None) -> "PaperMatcher":
-        """Loads weights from a file, or the shipped ones of a preset: `published` (default) or `repository`.
-
-        Raises UserError if a file does not hold such a network.
-        """
-        return PaperMatcher(load_paper_network(weights or "published"))
+    network: PaperNetwork
 
     def match(
         self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
     ) -> MatchResult:
-        """See `Matcher.match`. The status is always `unique`, since the method cannot reject a match.
+        """See `Matcher.match`. The status is `unique` wherever there is a pair, since the method cannot reject a match.
 
         Confidences are the entries of the soft assignment. The method allows a room to be matched to a wall surface;
         such matches are dropped. `T_a_s` is not part of the method; it brings the centroids of partners closest to each
         other. `start` only drops an answer that is far from it.
         """
-        return match_unchecked(s, a, self._pairs, _fitted, REASON, "no partner is of its own type", floor, start)
+        began = time.perf_counter()
+        a = a if floor is None else a.on_floor(floor)
+        for what, graph in (("S-graph", s), ("A-graph", a)):
+            if not graph.wall_surfaces:
+                return MatchResult("none", f"the {what} has no wall surface")
+        rooms, walls = self._pairs(s, a)
+        if not rooms and not walls:
+            reason = "no partner is of its own type"
+            return MatchResult("none", reason, seconds=time.perf_counter() - began)
+        in_s = [s.room_by_id[i].centroid for i, _, _ in rooms] + [s.surface_by_id[i].centroid for i, _, _ in walls]
+        in_a = [a.room_by_id[j].centroid for _, j, _ in rooms] + [a.surface_by_id[j].centroid for _, j, _ in walls]
+        T_a_s = closest_motion(np.array(in_s), np.array(in_a))
+        if start is not None and not near_start(start, np.array(T_a_s)):
+            reason = "the answer is not near the start that was given"
+            return MatchResult("none", reason, seconds=time.perf_counter() - began)
+        floors = [a.room_by_id[j].floor for _, j, _ in rooms]
+        for wall in (a.surface_by_id[j] for _, j, _ in walls):
+            floors.append(wall.floor if wall.room is None else a.room_by_id[wall.room].floor)
+        most = Counter(floors).most_common(1)[0][0]
+        sole = Hypothesis(0.0, T_a_s, most, tuple((i, j) for i, j, _ in rooms))
+        return MatchResult("unique", REASON, rooms, walls, T_a_s, most, (sole,), time.perf_counter() - began)
 
     def _pairs(self, s: SceneGraph, a: SceneGraph) -> tuple[tuple[Pair, ...], tuple[Pair, ...]]:
-        settings = self._network.settings
-        ours, theirs = (paper_graph(g, settings.edges, settings.without) for g in (a, s))
+        """The pairs of rooms and of wall surfaces."""
+        ours, theirs = paper_graph(a), paper_graph(s)
         with torch.inference_mode():
-            soft = self._network(Nodes.of([ours]), Nodes.of([theirs]))[0].double().numpy()
+            soft = self.network([ours], [theirs])[0].double().numpy()
         found: tuple[list[Pair], list[Pair]] = ([], [])
         for j, i in zip(*linear_sum_assignment(soft, maximize=True), strict=True):
             is_wall = bool(i >= theirs.rooms)
@@ -57,15 +99,9 @@ class PaperMatcher:
         return tuple(found[0]), tuple(found[1])
 
 
-def _fitted(s: SceneGraph, a: SceneGraph, rooms: tuple[Pair, ...], walls: tuple[Pair, ...]) -> Array:
-    """(3,) T_a_s (yaw, x, y) that minimises the squared distances between the centroids of partners."""
-    p, q = (np.array([_place(g, str(pair[k])) for pair in (*rooms, *walls)]) for k, g in enumerate((s, a)))
+def closest_motion(p: Array, q: Array) -> tuple[float, float, float]:
+    """Returns the motion (yaw, x, y) that brings the points p (N, 2) closest to q (N, 2)."""
     middle_p, middle_q = p.mean(axis=0), q.mean(axis=0)
-    p, q = (((x - m) @ [1, 1j]) for x, m in ((p, middle_p), (q, middle_q)))
-    yaw = float(np.angle(np.vdot(p, q)))
-    return np.array([yaw, *(middle_q - se2.rotate(yaw, middle_p))])
-
-
-def _place(graph: SceneGraph, node: str) -> Xy:
-    room = graph.room_by_id.get(node)
-    return graph.surface_by_id[node].centroid if room is None else room.centroid
+    yaw = float(np.angle(np.vdot((p - middle_p) @ [1, 1j], (q - middle_q) @ [1, 1j])))
+    x, y = (middle_q - se2.rotate(yaw, middle_p)).tolist()
+    return yaw, x, y

@@ -1,31 +1,27 @@
 """The published matcher's network: a shared encoder (MLP, then GATv2), dot products, instance norm, Sinkhorn.
 
-Section III of the paper (see `paper_graph`); where it is silent, the authors' public code. GATv2: Brody, Alon and
-Yahav, "How Attentive are Graph Attention Networks?", ICLR 2022.
+Section III of the paper. GATv2: S. Brody, U. Alon, E. Yahav: How Attentive are Graph Attention Networks? ICLR 2022.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
-from types import MappingProxyType
-from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import dropout, leaky_relu
 
 from matching.published.graph import FEATURES, PaperGraph
-from matching.published.sinkhorn import soft_assignment
 
 SLOPE = 0.2  # of the leaky ReLU within the attention
 LEAST_VARIANCE = 1e-5  # added to the variance of the affinities
+LEAST_LOGIT = -600.0  # below the best of its column: as good as none; less would leave double precision
 
 
 @dataclass(frozen=True)
 class PaperSettings:
-    """Hyper-parameters. `sinkhorn` is the number of normalisations; `dropout` is for features, `attention_dropout` for
-    attention weights.
-    """
+    """Hyper-parameters of the network and its training; `sinkhorn` is the number of normalisations."""
 
     hidden: int = 64
     out: int = 32
@@ -35,42 +31,15 @@ class PaperSettings:
     attention_dropout: float = 0.12
     temperature: float = 1.0  # not in the paper: the class's default, as are the iterations
     sinkhorn: int = 10
-    edges: str = "paper"
-    without: tuple[str, ...] = ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Returns the settings as plain data."""
-        return asdict(self) | {"without": list(self.without)}
-
-    @staticmethod
-    def from_dict(value: Mapping[str, Any]) -> "PaperSettings":
-        """Inverse of `to_dict`. Raises TypeError or KeyError for other data."""
-        return PaperSettings(**{**value, "without": tuple(value["without"])})
+    rate: float = 1e-3
+    decay: float = 5e-5
+    batch: int = 16
 
 
-PUBLISHED = PaperSettings()
-REPOSITORY = PaperSettings(
-    hidden=128, out=64, layers=1, heads=2, dropout=0.0539, attention_dropout=0.00185, temperature=0.238, sinkhorn=30
-)
-PRESETS: Mapping[str, PaperSettings] = MappingProxyType({"published": PUBLISHED, "repository": REPOSITORY})
-
-
-@dataclass(frozen=True)
-class Nodes:
-    """The nodes of one or more graphs as tensors; `counts` are the graphs' numbers of nodes."""
-
-    features: Tensor  # (N, 7) float
-    edges: Tensor  # (2, E) long: from, to
-    counts: tuple[int, ...]
-
-    @staticmethod
-    def of(graphs: Sequence[PaperGraph]) -> "Nodes":
-        """Concatenates graphs without edges between them."""
-        counts = tuple(len(g.ids) for g in graphs)
-        first = torch.tensor((0, *counts)).cumsum(0)
-        features = [torch.as_tensor(g.features, dtype=torch.float32) for g in graphs]
-        edges = [torch.as_tensor(g.edges) + at for g, at in zip(graphs, first.tolist(), strict=False)]
-        return Nodes(torch.cat(features), torch.cat(edges, dim=1), counts)
+PRESETS = {  # of the paper, and of its public code, in the order of the fields
+    "published": PaperSettings(),
+    "repository": PaperSettings(128, 64, 1, 2, 0.0539, 0.00185, 0.238, 30, 8.10e-4, 1.24e-5, 32),
+}
 
 
 class GATv2(nn.Module):
@@ -117,31 +86,34 @@ class PaperNetwork(nn.Module):
     def __init__(self, settings: PaperSettings) -> None:
         super().__init__()
         self.settings = s = settings
-        plain = "mlp" in s.without
-        self.mlp = nn.Sequential(*([] if plain else [
-            nn.Linear(FEATURES, s.hidden), nn.ReLU(), nn.Dropout(s.dropout),
-            nn.Linear(s.hidden, s.hidden), nn.ReLU(), nn.Dropout(s.dropout),
-        ]))  # fmt: skip
-        sizes = [FEATURES if plain else s.hidden, *[s.hidden] * (s.layers - 1), s.out]
+        self.mlp = nn.Sequential(
+            *(nn.Linear(FEATURES, s.hidden), nn.ReLU(), nn.Dropout(s.dropout)),
+            *(nn.Linear(s.hidden, s.hidden), nn.ReLU(), nn.Dropout(s.dropout)),
+        )
+        sizes = [*[s.hidden] * s.layers, s.out]
         self.layers = nn.ModuleList(GATv2(a, b, s.heads, s.attention_dropout) for a, b in pairwise(sizes))
         self.scale = nn.Parameter(torch.ones(1))  # of the instance norm, and its shift
         self.shift = nn.Parameter(torch.zeros(1))
         self.register_buffer("mean", torch.zeros(FEATURES))
         self.register_buffer("std", torch.ones(FEATURES))
 
-    def standardise_by(self, features: Tensor) -> None:
-        """Stores mean and standard deviation of the training nodes (N, 7)."""
+    def standardise_by(self, graphs: Sequence[PaperGraph]) -> None:
+        """Stores mean and standard deviation of the features of training graphs."""
+        features = _features(graphs)
         self.mean = features.mean(dim=0)
         self.std = features.std(dim=0).clamp(min=1e-6)
 
-    def embed(self, nodes: Nodes) -> Tensor:
-        """Embeds all nodes as (N, out)."""
-        x: Tensor = self.mlp((nodes.features - self.mean) / self.std)
+    def embed(self, graphs: Sequence[PaperGraph]) -> Sequence[Tensor]:
+        """Embeds the nodes of each graph as (N, out)."""
+        counts = [len(g.ids) for g in graphs]
+        first = np.cumsum([0, *counts])[:-1]
+        edges = torch.cat([torch.as_tensor(g.edges + k) for g, k in zip(graphs, first, strict=True)], dim=1)
+        x: Tensor = self.mlp((_features(graphs) - self.mean) / self.std)
         for k, layer in enumerate(self.layers):
             if k:
                 x = dropout(torch.relu(x), self.settings.dropout, self.training)
-            x = layer(x, nodes.edges)
-        return x
+            x = layer(x, edges)
+        return x.split(counts)
 
     def assign(self, a: Tensor, s: Tensor) -> Tensor:
         """(N1, N2) soft assignment from the embeddings (N1, out) of an A-graph and (N2, out) of an S-graph."""
@@ -150,7 +122,35 @@ class PaperNetwork(nn.Module):
         affinity = (affinity - mean) / (variance + LEAST_VARIANCE).sqrt() * self.scale + self.shift
         return soft_assignment(affinity, self.settings.temperature, self.settings.sinkhorn)
 
-    def forward(self, a: Nodes, s: Nodes) -> list[Tensor]:
-        """Returns the soft assignment of each pair of graphs."""
-        ours, theirs = self.embed(a).split(a.counts), self.embed(s).split(s.counts)
-        return [self.assign(x, y) for x, y in zip(ours, theirs, strict=True)]
+    def forward(self, a: Sequence[PaperGraph], s: Sequence[PaperGraph]) -> list[Tensor]:
+        """Returns the soft assignment (N1, N2) of each A-graph and its S-graph."""
+        return [self.assign(x, y) for x, y in zip(self.embed(a), self.embed(s), strict=True)]
+
+
+def _features(graphs: Sequence[PaperGraph]) -> Tensor:
+    return torch.cat([torch.as_tensor(g.features, dtype=torch.float32) for g in graphs])
+
+
+def soft_assignment(affinity: Tensor, temperature: float, iterations: int) -> Tensor:
+    """Returns (N1, N2) Sinkhorn's soft assignment of an affinity (N1, N2), without its dummies.
+
+    The smaller side is filled with |N1 - N2| dummies of equal affinity; normalisations alternate between the smaller
+    graph's nodes (with the dummies) and the larger's. The dummies stay equal, so one column weighted by their number
+    replaces them. Double precision makes logarithms unnecessary.
+    """
+    if affinity.shape[0] < affinity.shape[1]:
+        return soft_assignment(affinity.T, temperature, iterations).T
+    logits = affinity.double() / temperature
+    dummies = logits.shape[0] - logits.shape[1]
+    kernel = (logits - logits.detach().amax(dim=0)).clamp(min=LEAST_LOGIT).exp()
+    many = kernel.new_ones(kernel.shape[1])
+    if dummies:
+        kernel = torch.cat((kernel, kernel.new_ones(len(kernel), 1)), dim=1)
+        many = torch.cat((many, many.new_full((1,), float(dummies))))
+    row, column = kernel.new_ones(kernel.shape[0]), kernel.new_ones(kernel.shape[1])
+    for k in range(iterations):
+        if k % 2 == 0:
+            column = 1 / (row @ kernel)
+        else:
+            row = 1 / (kernel @ (many * column))
+    return (row[:, None] * kernel * column)[:, : affinity.shape[1]].to(affinity.dtype)

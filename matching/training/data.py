@@ -1,8 +1,8 @@
-"""Training pairs, drawn for every step; step k of a seed is always the same batch."""
+"""Training data: pairs of a map and a plan, drawn for every step; step k of a seed is always the same batch."""
 
-import dataclasses
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -13,7 +13,7 @@ from data.plans.splits import Split, split_of
 from data.scene_graph import SceneGraph, Xy
 from data.synthetic_maps.noise_models import DrawnGraph, draw
 from matching.arrays import Index
-from matching.network.features import GraphFeatures, PairRows, joined, map_features, plan_features
+from matching.proposals.features import GraphFeatures, map_features, plan_features
 
 NOISE_SHARES = {"real": 0.32, "drift": 0.36, "mis_segmented": 0.26, "paper": 0.06}
 ROOMS: dict[int | None, float] = {1: 0.06, 2: 0.18, 3: 0.16, 4: 0.2, 6: 0.16, 9: 0.17, None: 0.07}
@@ -32,16 +32,21 @@ STRETCH = 0.18  # plans are stretched along x and y by up to so much, and every 
 
 
 @dataclass(frozen=True)
-class Batch:
-    """P pairs of graphs; several maps may share a plan. True matches are columns counted from the plan's first, -1
-    for none.
-    """
+class Pair:
+    """A map drawn from a plan, with the true columns of its N walls and M rooms in the plan, -1 for none."""
 
     s: GraphFeatures
-    a: GraphFeatures
-    pairs: tuple[PairRows, ...]
-    walls: Index  # (N,) for all S walls
-    rooms: Index  # (M,) for all S rooms
+    plan: int  # its number in the batch
+    walls: Index  # (N,)
+    rooms: Index  # (M,)
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Plans, and the maps drawn from them."""
+
+    plans: tuple[GraphFeatures, ...]
+    pairs: tuple[Pair, ...]
 
 
 @dataclass(frozen=True)
@@ -82,8 +87,8 @@ class Drawing:
         if not drawn.s_graph.wall_surfaces:
             return None
         if foreign:
-            return dataclasses.replace(drawn, rooms={}, wall_surfaces={})
-        return dataclasses.replace(drawn, s_graph=_poorer(drawn.s_graph, rng))
+            return replace(drawn, rooms={}, wall_surfaces={})
+        return replace(drawn, s_graph=_poorer(drawn.s_graph, rng))
 
 
 def seeds_of(split: Split, below: int) -> dict[str, tuple[int, ...]]:
@@ -101,59 +106,47 @@ def _generated(kind: str, seed: int) -> Plan:
 def _poorer(s: SceneGraph, rng: np.random.Generator) -> SceneGraph:
     """Sometimes removes lengths or rooms, since maps of other programs may lack them."""
     lengthless, roomless = rng.random(2) < (LENGTHLESS, ROOMLESS)
-    if not lengthless and not roomless:
-        return s
-    walls = tuple(
-        dataclasses.replace(w, length=None if lengthless else w.length, room=None if roomless else w.room)
-        for w in s.wall_surfaces
-    )
-    return SceneGraph(s.frame, () if roomless else s.rooms, walls, () if roomless else s.doors, s.floors)
+    if lengthless:
+        s = replace(s, wall_surfaces=tuple(replace(w, length=None) for w in s.wall_surfaces))
+    if roomless:
+        walls = tuple(replace(w, room=None) for w in s.wall_surfaces)
+        s = replace(s, rooms=(), wall_surfaces=walls, doors=())
+    return s
 
 
 def batch_of(groups: Sequence[tuple[SceneGraph, Sequence[DrawnGraph]]]) -> Batch:
     """Returns a batch from plans and the maps drawn from each."""
-    s_parts, a_parts, pairs, walls, rooms = [], [], [], [], []
-    at = np.zeros(4, dtype=np.int64)  # S walls, A walls, S rooms, A rooms so far
-    for a, drawn in groups:
-        plan = plan_features(a)
-        a_parts.append(plan)
-        wall_of = {w: k for k, w in enumerate(plan.walls)}
-        room_of = {r: k for k, r in enumerate(plan.rooms)}
+    plans, pairs = [plan_features(a) for a, _ in groups], []
+    for n, (plan, (_, drawn)) in enumerate(zip(plans, groups, strict=True)):
+        wall_of = {w: k for k, w in enumerate(plan.wall_ids)}
+        room_of = {r: k for k, r in enumerate(plan.room_ids)}
         for d in drawn:
             s = map_features(d.s_graph)
-            s_parts.append(s)
-            walls += [wall_of.get(d.wall_surfaces.get(w, ""), -1) for w in s.walls]
-            rooms += [room_of.get(d.rooms.get(r, ""), -1) for r in s.rooms]
-            size = np.array([len(s.walls), len(plan.walls), len(s.rooms), len(plan.rooms)])
-            ends = [(int(first), int(first + count)) for first, count in zip(at, size, strict=True)]
-            pairs.append(PairRows(*ends))
-            at += size * [1, 0, 1, 0]
-        at += [0, len(plan.walls), 0, len(plan.rooms)]
-    truth = (np.array(x, dtype=np.int64) for x in (walls, rooms))
-    return Batch(joined(s_parts), joined(a_parts), tuple(pairs), *truth)
+            walls = [wall_of.get(d.wall_surfaces.get(w, ""), -1) for w in s.wall_ids]
+            rooms = [room_of.get(d.rooms.get(r, ""), -1) for r in s.room_ids]
+            pairs.append(Pair(s, n, *(np.array(x, dtype=np.int64) for x in (walls, rooms))))
+    return Batch(tuple(plans), tuple(pairs))
 
 
 def varied(a: SceneGraph, rng: np.random.Generator) -> SceneGraph:
     """Returns the plan stretched along its axes, and mirrored in half of the cases."""
-    x, y = rng.uniform(1 - STRETCH, 1 + STRETCH, 2) * [rng.choice([-1, 1]), 1]
-    turned = bool(x < 0)
+    stretch = rng.uniform(1 - STRETCH, 1 + STRETCH, 2) * [rng.choice([-1, 1]), 1]
 
     def moved(p: Xy) -> Xy:
-        return (float(p[0] * x), float(p[1] * y))
+        return (float(p[0] * stretch[0]), float(p[1] * stretch[1]))
 
-    surfaces = []
+    surfaces, rooms = [], []
     for w in a.wall_surfaces:
-        n = np.array([w.normal[0] / x, w.normal[1] / y])  # normals go with the inverse
-        n /= np.hypot(*n)
-        stretch = float(np.hypot(w.normal[1] * x, w.normal[0] * y))
-        length = None if w.length is None else w.length * stretch
-        normal = (float(n[0]), float(n[1]))
-        surfaces.append(dataclasses.replace(w, centroid=moved(w.centroid), normal=normal, length=length, plane=None))
-    rooms = []
+        x, y = np.array(w.normal) / stretch  # normals go with the inverse
+        normal = (float(x / np.hypot(x, y)), float(y / np.hypot(x, y)))
+        along = float(np.hypot(w.normal[1] * stretch[0], w.normal[0] * stretch[1]))
+        length = None if w.length is None else w.length * along
+        surfaces.append(replace(w, centroid=moved(w.centroid), normal=normal, length=length, plane=None))
     for r in a.rooms:
-        ring = None if r.polygon is None else tuple(moved(p) for p in (r.polygon[::-1] if turned else r.polygon))
-        rooms.append(dataclasses.replace(r, centroid=moved(r.centroid), polygon=ring))
-    doors = tuple(dataclasses.replace(d, centroid=moved(d.centroid)) for d in a.doors)
+        ring = None if r.polygon is None else tuple(moved(p) for p in r.polygon)
+        ring = ring[::-1] if ring is not None and stretch[0] < 0 else ring
+        rooms.append(replace(r, centroid=moved(r.centroid), polygon=ring))
+    doors = tuple(replace(d, centroid=moved(d.centroid)) for d in a.doors)
     return SceneGraph(a.frame, tuple(rooms), tuple(surfaces), doors, a.floors)
 
 
@@ -162,28 +155,25 @@ def part(a: SceneGraph, most: int, rng: np.random.Generator) -> SceneGraph:
     if len(a.wall_surfaces) <= most or not a.rooms:
         return a
     middle = a.rooms[int(rng.integers(len(a.rooms)))]
-    floors = [f for f in {r.floor: None for r in a.rooms} if f != middle.floor]
-    kept_floors = {middle.floor}
-    if floors and rng.random() < 0.4:
-        kept_floors.add(floors[int(rng.integers(len(floors)))])
-    place = np.array(middle.centroid)
-    rooms = [r for r in a.rooms if r.floor in kept_floors]
-    rooms.sort(key=lambda r: float(np.hypot(*(np.array(r.centroid) - place))))
+    others = [f for f in {r.floor: None for r in a.rooms} if f != middle.floor]
+    floors = {middle.floor}
+    if others and rng.random() < 0.4:
+        floors.add(others[int(rng.integers(len(others)))])
     kept: set[str] = set()
     count = 0
-    for r in rooms:
+    for r in sorted((r for r in a.rooms if r.floor in floors), key=lambda r: math.dist(r.centroid, middle.centroid)):
         if kept and count > most:
             break
         kept.add(r.id)
         count += len(a.surfaces_of_room[r.id])
+    doors = [replace(d, rooms=tuple(r for r in d.rooms if r in kept)) for d in a.doors if kept.intersection(d.rooms)]
     return SceneGraph(
-        a.frame, tuple(r for r in a.rooms if r.id in kept), tuple(w for w in a.wall_surfaces if w.room in kept),
-        tuple(
-            dataclasses.replace(d, rooms=tuple(r for r in d.rooms if r in kept))
-            for d in a.doors if kept.intersection(d.rooms)
-        ),
-        tuple(f for f in a.floors if f.id in kept_floors),
-    )  # fmt: skip
+        a.frame,
+        tuple(r for r in a.rooms if r.id in kept),
+        tuple(w for w in a.wall_surfaces if w.room in kept),
+        tuple(doors),
+        tuple(f for f in a.floors if f.id in floors),
+    )
 
 
 def held_out(drawing: Drawing, seed: int) -> dict[str, Batch]:

@@ -1,75 +1,54 @@
-"""Batches prepared in advance by worker processes, in the order of steps."""
+"""Batches prepared in advance by other processes, in the order of steps."""
 
-import multiprocessing as mp
-import queue
+import multiprocessing
+from collections import deque
 from collections.abc import Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from functools import partial
 from itertools import count
-from typing import Any
 
+from data.common.children import end_with_parent
+from data.common.cluster import in_order
 from matching.training.data import Batch, Drawing
 
 AHEAD = 6  # batches that wait, of each process
-PATIENCE_S = 5.0
+_drawing: list[Drawing] = []  # of a worker process
 
 
-def _work(drawing: Drawing, seed: int, first: int, every: int, out: Any) -> None:
-    step = first
-    try:
-        while True:
-            out.put(drawing.batch(seed, step))
-            step += every
-    except KeyboardInterrupt:
-        return
-    except Exception as error:
-        out.put(RuntimeError(f"drawing batch {step}: {type(error).__name__}: {error}"))
-        raise
+def _begin(drawing: Drawing) -> None:
+    end_with_parent()
+    _drawing.append(drawing)
+
+
+def _batch(seed: int, step: int) -> Batch:
+    return _drawing[0].batch(seed, step)
 
 
 @contextmanager
 def batches(
     drawing: Drawing, seed: int, first: int, workers: int, scheduler: str | None = None
 ) -> Iterator[Iterator[Batch]]:
-    """Yields the batches of steps `first`, `first` + 1, ...; they do not depend on the number of workers or the
-    cluster.
+    """Yields the batches of steps `first`, `first` + 1, ...; they do not depend on who draws them.
 
-    Raises RuntimeError if a worker fails, and UserError as `data.common.cluster` does.
+    Raises what a worker raises, BrokenProcessPool if one dies, and UserError as `data.common.cluster` does.
     """
     if scheduler is not None:
-        from data.common.cluster import in_order
-
         yield in_order(partial(drawing.batch, seed), count(first), scheduler)
-        return
-    if workers == 0:
-        yield (drawing.batch(seed, step) for step in count(first))
-        return
-    context = mp.get_context("spawn")
-    queues = [context.Queue(AHEAD) for _ in range(workers)]
-    processes = [
-        context.Process(target=_work, args=(drawing, seed, first + k, workers, q), daemon=True)
-        for k, q in enumerate(queues)
-    ]
-    for process in processes:
-        process.start()
-    try:
-        yield (_next(queues[k % workers], processes[k % workers]) for k in count())
-    finally:
-        for process in processes:
-            process.terminate()
-        for process in processes:
-            process.join()
-
-
-def _next(source: Any, process: Any) -> Batch:
-    while True:
+    elif workers == 0:
+        yield map(partial(drawing.batch, seed), count(first))
+    else:
+        context = multiprocessing.get_context("spawn")
+        pool = ProcessPoolExecutor(workers, context, _begin, (drawing,))
         try:
-            item = source.get(timeout=PATIENCE_S)
-        except queue.Empty:
-            if process.is_alive():
-                continue
-            raise RuntimeError("a process that draws batches has died") from None
-        if isinstance(item, Exception):
-            raise item
-        assert isinstance(item, Batch)
-        return item
+            yield _in_order(pool, seed, first, AHEAD * workers)
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _in_order(pool: ProcessPoolExecutor, seed: int, first: int, ahead: int) -> Iterator[Batch]:
+    waiting: deque[Future[Batch]] = deque()
+    for step in count(first):
+        waiting.append(pool.submit(_batch, seed, step))
+        if len(waiting) > ahead:
+            yield waiting.popleft().result()

@@ -13,9 +13,9 @@ import torch
 
 from data.common.errors import UserError
 from data.common.files import write_atomically
-from matching.network.registry import AnySettings, Network, network_of
+from matching.proposals.network import MatchingNetwork, Settings
 from matching.training.data import Batch
-from matching.training.loss import accuracies, loss, run, surprise
+from matching.training.loss import loss, measures, run
 
 RATE, WEIGHT_DECAY, WARM_UP = 2e-3, 1e-3, 100  # of AdamW; steps
 LAST_RATE = 0.03  # of the first, at the end of a cosine
@@ -39,8 +39,8 @@ class Limits:
 class Training:
     """The state of a run; `best` is the averaged network at its best evaluation."""
 
-    network: Network
-    average: Network
+    network: MatchingNetwork
+    average: MatchingNetwork
     optimizer: torch.optim.Optimizer
     step: int = 0
     seconds: float = 0.0
@@ -48,20 +48,19 @@ class Training:
     best: dict[str, Any] | None = None
 
     @staticmethod
-    def begin(settings: AnySettings, seed: int, device: torch.device) -> "Training":
+    def begin(settings: Settings, seed: int, device: str) -> "Training":
         """Creates an untrained network; the same for the same seed."""
         torch.manual_seed(seed)
-        network = network_of(settings).to(device)
+        network = MatchingNetwork(settings).to(device)
         average = copy.deepcopy(network).requires_grad_(False)
         return Training(network, average, torch.optim.AdamW(network.parameters(), RATE, weight_decay=WEIGHT_DECAY))
 
     def save(self, path: Path) -> None:
         """Writes the state atomically."""
-        value: dict[str, Any] = {"network": self.network.state_dict(), "average": self.average.state_dict()}
-        value |= {"optimizer": self.optimizer.state_dict(), "step": self.step, "seconds": self.seconds}
-        value |= {"curve": self.curve, "best": self.best}
+        state = {name: getattr(self, name).state_dict() for name in ("network", "average", "optimizer")}
+        rest = {name: getattr(self, name) for name in ("step", "seconds", "curve", "best")}
         buffer = io.BytesIO()
-        torch.save(value, buffer)
+        torch.save(state | rest, buffer)
         write_atomically(path, buffer.getvalue())
 
     def load(self, path: Path) -> None:
@@ -74,12 +73,49 @@ class Training:
             raise UserError(f"{path}: of another network; give another --out or delete it") from None
         self.step, self.seconds, self.curve, self.best = (value[k] for k in ("step", "seconds", "curve", "best"))
 
-    def best_network(self) -> Network:
+    def best_network(self) -> MatchingNetwork:
         """Returns the averaged weights at the best evaluation."""
         network = copy.deepcopy(self.average)
         if self.best is not None:
             network.load_state_dict(self.best)
         return network
+
+    def learn(self, batch: Batch, progress: float) -> float:
+        """Makes a step and returns the loss; `progress` in [0, 1] sets the rate."""
+        cosine = (1 + math.cos(math.pi * progress)) / 2
+        rate = RATE * min(1.0, (self.step + 1) / WARM_UP) * (LAST_RATE + (1 - LAST_RATE) * cosine)
+        for group in self.optimizer.param_groups:
+            group["lr"] = rate
+        value = loss(run(self.network, batch))
+        self.optimizer.zero_grad()
+        value.backward()  # type: ignore[no-untyped-call]
+        torch.nn.utils.clip_grad_norm_(self.network.parameters(), LARGEST_GRADIENT)
+        self.optimizer.step()
+        kept = min(AVERAGED, (1 + self.step) / (10 + self.step))
+        with torch.no_grad():
+            for mean, now in zip(self.average.parameters(), self.network.parameters(), strict=True):
+                mean.lerp_(now, 1 - kept)
+        self.step += 1
+        return value.item()
+
+    def evaluate(self, held_out: HeldOut, loss: float) -> Row:
+        """Adds a row to the curve, with the measures of each held-out batch and their means, and returns it."""
+        row: Row = {"step": self.step, "minutes": self.seconds / 60, "loss": loss}
+        with torch.no_grad():
+            found = {name: measures(run(self.average, batch)) for name, batch in held_out.items()}
+        row |= {f"{name} {measure}": value for name, of in found.items() for measure, value in of.items()}
+        for measure in ("walls", "rooms", "none", "within", "first", "surprise"):
+            values = [of[measure] for of in found.values() if measure in of]
+            row[measure] = sum(values) / max(len(values), 1)
+        if all(row["surprise"] < earlier["surprise"] for earlier in self.curve):
+            self.best = copy.deepcopy(self.average.state_dict())
+        self.curve.append(row)
+        return row
+
+    def stale(self) -> int:
+        """The number of evaluations since the best one."""
+        surprise = [row["surprise"] for row in self.curve]
+        return len(surprise) - 1 - surprise.index(min(surprise))
 
 
 def train(
@@ -96,59 +132,10 @@ def train(
         progress = max(training.step / limits.steps, training.seconds / 60 / limits.minutes)
         ended = "all steps done" if progress >= 1 else None
         if losses and (ended or training.step % limits.every == 0):
-            on_evaluation(_evaluated(training, held_out, losses))
+            on_evaluation(training.evaluate(held_out, sum(losses) / len(losses)))
             losses = []
-            if _stale(training.curve) >= limits.patience:
+            if training.stale() >= limits.patience:
                 ended = f"no improvement in {limits.patience} evaluations"
         if ended:
             return ended
-        losses.append(_step(training, next(stream), progress))
-
-
-def _step(training: Training, batch: Batch, progress: float) -> float:
-    warm = min(1.0, (training.step + 1) / WARM_UP)
-    rate = RATE * warm * (LAST_RATE + (1 - LAST_RATE) * (1 + math.cos(math.pi * progress)) / 2)
-    for group in training.optimizer.param_groups:
-        group["lr"] = rate
-    device = next(training.network.parameters()).device
-    value = loss(*run(training.network, batch, device))
-    training.optimizer.zero_grad()
-    value.backward()  # type: ignore[no-untyped-call]
-    torch.nn.utils.clip_grad_norm_(training.network.parameters(), LARGEST_GRADIENT)
-    training.optimizer.step()
-    kept = min(AVERAGED, (1 + training.step) / (10 + training.step))
-    with torch.no_grad():
-        for mean, now in zip(training.average.parameters(), training.network.parameters(), strict=True):
-            mean.lerp_(now, 1 - kept)
-    training.step += 1
-    return value.item()
-
-
-def _evaluated(training: Training, held_out: HeldOut, losses: list[float]) -> Row:
-    row: Row = {"step": training.step, "minutes": training.seconds / 60, "loss": sum(losses) / len(losses)}
-    row |= evaluate(training.average, held_out)
-    if all(row["surprise"] < earlier["surprise"] for earlier in training.curve):
-        training.best = copy.deepcopy(training.average.state_dict())
-    training.curve.append(row)
-    return row
-
-
-def evaluate(network: Network, held_out: HeldOut) -> Row:
-    """Returns accuracies and surprise of each held-out batch, as `NAME MEASURE`, and their means over the batches."""
-    device = next(network.parameters()).device
-    row: Row = {}
-    with torch.no_grad():
-        network.eval()
-        for name, batch in held_out.items():
-            output, truth = run(network, batch, device)
-            row |= {f"{name} {k}": v for k, (v, count) in accuracies(output, truth).items() if count}
-            row[f"{name} surprise"] = surprise(output, truth)
-    for measure in ("walls", "rooms", "none", "within", "first", "surprise"):
-        values = [v for k, v in row.items() if k.endswith(f" {measure}")]
-        row[measure] = sum(values) / max(len(values), 1)
-    return row
-
-
-def _stale(curve: list[Row]) -> int:
-    surprise = [row["surprise"] for row in curve]
-    return len(surprise) - 1 - surprise.index(min(surprise)) if surprise else 0
+        losses.append(training.learn(next(stream), progress))

@@ -1,4 +1,5 @@
 """The entries of deviations.json of a finished map: as built against as planned."""
+
 import numpy as np
 from numpy.typing import NDArray
 

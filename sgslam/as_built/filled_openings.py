@@ -1,4 +1,5 @@
 """Filled openings: walls in the plane of a planned one where the plan has an opening, or far beyond its ends."""
+
 import numpy as np
 from numpy.typing import NDArray
 

@@ -45,9 +45,7 @@ class MappedWalls:
     aligned: set[str]
 
     @staticmethod
-    def of(
-        scene: Scene, walls: WallMap, alignment: WallAlignment, floor: SceneGraph, origin: Floats
-    ) -> "MappedWalls":
+    def of(scene: Scene, walls: WallMap, alignment: WallAlignment, floor: SceneGraph, origin: Floats) -> "MappedWalls":
         """The surfaces of a storey of the map; `origin` (2,) is the local frame's origin in the BIM frame."""
         surfaces = list(scene.graph.wall_surfaces)
         of = [scene.wall_of_surface[surface.id] for surface in surfaces]

@@ -196,9 +196,7 @@ class Backend:
         if failure := self._solve(self._inputs, steps, held):
             _log.warning("the adjustment of %d keyframes failed: %s", len(self.keyframes), failure)
 
-    def _solve(
-        self, inputs: GraphInputs, steps: int, besides: gtsam.NonlinearFactorGraph | None = None
-    ) -> str | None:
+    def _solve(self, inputs: GraphInputs, steps: int, besides: gtsam.NonlinearFactorGraph | None = None) -> str | None:
         """Moves the estimates to the optimum, with the factors `besides` those of the log, or returns why they stay."""
         known = graph = self.log.graph()
         if besides is not None:

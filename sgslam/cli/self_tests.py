@@ -1,10 +1,9 @@
 """A self test for each native library; it fails if the library does not work on this machine."""
 
 from collections.abc import Callable
+from importlib.util import find_spec
 
 import numpy as np
-
-from matching.torch_extra import has_torch
 
 
 def _gtsam() -> None:
@@ -14,12 +13,6 @@ def _gtsam() -> None:
     values.insert(0, gtsam.Pose3())
     graph.add(gtsam.PriorFactorPose3(0, gtsam.Pose3(np.eye(4)), gtsam.noiseModel.Isotropic.Sigma(6, 0.1)))
     assert gtsam.LevenbergMarquardtOptimizer(graph, values).optimize().size() == 1
-
-
-def _torch() -> None:
-    from matching.self_test import work
-
-    work()
 
 
 def _ifcopenshell() -> None:
@@ -72,15 +65,15 @@ def _opencv() -> None:
 
 def _weights() -> None:
     from matching import Matcher
-    from matching.matcher import WITH_TORCH, WITH_WEIGHTS
+    from matching.self_test import three_rooms
 
-    for name in WITH_WEIGHTS:
-        if has_torch() or name not in WITH_TORCH:
-            Matcher.load(name)
+    Matcher.load("learned")
+    if all(find_spec(needed) for needed in ("torch", "safetensors")):
+        Matcher.load("paper").match(three_rooms(), three_rooms())
 
 
 SELF_TESTS: dict[str, Callable[[], None]] = {
-    "gtsam": _gtsam, **({"torch": _torch} if has_torch() else {}), "ifcopenshell": _ifcopenshell, "embreex": _embreex,
+    "gtsam": _gtsam, "ifcopenshell": _ifcopenshell, "embreex": _embreex,
     "kiss-icp": _kiss_icp, "small_gicp": _small_gicp, "shapely": _shapely, "opencv": _opencv,
     "the matchers' weights": _weights,
 }  # fmt: skip

@@ -90,8 +90,7 @@ def accuracy(
     ours, true = associate(scored.stamps_ns, truth_in_bim.stamps_ns, tolerance_ns)
     if not len(ours):
         raise UserError(
-            f"ground truth: no pose within {tolerance_ns / 1e9:g} s of any scan; "
-            "its stamps must use the scans' clock"
+            f"ground truth: no pose within {tolerance_ns / 1e9:g} s of any scan; its stamps must use the scans' clock"
         )
     result: dict[str, Any] = dict.fromkeys(("rmse_bim_m", "max_bim_m", "yaw_rmse_bim_deg"))
     if trajectory_in_bim is not None:

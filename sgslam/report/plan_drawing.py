@@ -49,6 +49,7 @@ NOT_ANCHORED = {
 }
 WITHOUT_PLAN = {"walls-unmatched": "mapped wall", "odometry": "odometry", "trajectory": "trajectory"}
 
+
 @dataclass(frozen=True)
 class DrawnWall:
     """`ends` (2, 2) in plan, the first on the left when looking along the normal; `z` of its lower and upper edge.

@@ -95,7 +95,7 @@ def test_plans_that_anything_was_chosen_by_are_named_so(folder: Path, tmp_path: 
     assert [role("generated", f"office_{n}")[:4] for n in seeds] == ["trai", "deve", "deve", "test"]
     assert role("sgslam", "generated/office_21", regime="sgslam") == "training"
     assert role("sgslam", "institute", regime="sgslam") == "development"
-    network, names = tmp_path / "learned.npz", [f"flat_{seed}" for seed in SEEDS]
+    network, names = tmp_path / "learned.onnx", [f"flat_{seed}" for seed in SEEDS]
     network.touch()
     write_json(tmp_path / "model_card.json", {"data": {"files": ["../plans/msd", "lifull.tar.gz"]}})
     assert trained_on(f"learned@{network}") == {"msd", "lifull"} and trained_on("learned") == set()

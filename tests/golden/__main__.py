@@ -30,7 +30,7 @@ from .folders import folder_lines
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = (ROOT.parent / "shared" / "data").resolve()
-METHODS = ("learned", "voting", "paper", "pca-gm", "superglue", "combinatorial", "combinatorial-grid")
+METHODS = ("learned", "voting", "paper", "combinatorial")
 ITEMS = (
     *(f"graphs/{name}" for name in worker.SETS), *(f"matches/{name}" for name in METHODS),
     *(f"runs/{name}" for name in runs.RUNS),

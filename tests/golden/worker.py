@@ -22,7 +22,7 @@ SETS = ("ifc", "swiss_floors", "msd", "resplan", "lifull", "meshes", "scans", "s
 MAPS = 400
 ROOMS = (1, 2, 3, 4, 6, 9, 14, None)  # rooms that a map shows, None: a whole floor
 NEGATIVE = "negative"  # maps of another building
-SLOW = ("combinatorial", "combinatorial-grid")  # end after a limit of wall-clock time: compared where far from it
+SLOW = ("combinatorial",)  # ends after a limit of wall-clock time: compared where far from it
 SLOW_MAPS = 150  # those with the fewest possible pairs of rooms and of walls
 SLOW_S = 3.0  # s in which the reference must have an answer, a twentieth of that limit
 

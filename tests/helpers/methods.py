@@ -8,12 +8,9 @@ from plans import a_graph, box, flat
 
 from data import SceneGraph
 from matching import Matcher
-from matching.deformation import DeformableMatcher
-from matching.search.voting_proposals import voting_proposals
 
-METHODS = ("learned", "voting", "paper", "pca-gm", "superglue", "combinatorial", "combinatorial-grid")
-VOTED = "deformation by voting"  # what `learned` does with its network's proposals, with those of corners instead
-VERIFYING = ("learned", "voting", VOTED)  # they compare every place with the others before they call one unique
+METHODS = ("learned", "voting", "paper", "combinatorial")
+VERIFYING = ("learned", "voting")  # they compare every place with the others before they call one unique
 
 # no mirror image of these rooms fits them
 CHIRAL = [box(0, 0, 5, 3), box(5.2, 0, 3, 4), box(0, 3.2, 3.5, 4.5), box(8.4, 0, 6, 2.5), box(3.7, 4.2, 4.3, 3),
@@ -24,7 +21,7 @@ SMALL = a_graph(flat(np.random.default_rng(5), 11, 8), "ground")  # six rooms
 @functools.cache
 def matcher(method: str) -> Matcher:
     """The method of that name."""
-    return Matcher(DeformableMatcher(voting_proposals)) if method == VOTED else Matcher.load(method)
+    return Matcher.load(method)
 
 
 def as_map(plan: SceneGraph) -> SceneGraph:

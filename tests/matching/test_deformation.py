@@ -5,19 +5,17 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from methods import VOTED, matcher
+from methods import matcher
 from plans import a_graph, flat, merged, moved, offices
 
 from data import Door, SceneGraph
 from data.synthetic_maps.noise_models import DrawnGraph, draw
 from matching import MatchResult
-from matching.arrays import Walls
-from matching.deformation import DeformableMatcher
-from matching.search import Proposals
-from matching.search.proposals import Proposer
-from matching.search.voting_proposals import voting_proposals
+from matching.engine import GeometricMatcher, Proposer, among
+from matching.engine.field import Scene
+from matching.engine.proposals import TopK
 
-MATCHER = matcher(VOTED)
+MATCHER = matcher("voting")
 PLAN = a_graph(flat(np.random.default_rng(3)), "ground")
 
 
@@ -81,31 +79,29 @@ def test_doors_tell_equal_offices_apart() -> None:
 
 
 def proposing(share: Callable[[str, str], float]) -> Proposer:
-    """Proposes pairs of walls, by their ids, and none of rooms."""
+    """Proposes pairs of walls, by their ids."""
 
-    def propose(s: SceneGraph, a: SceneGraph, known: Walls) -> Proposals:
+    def propose(s: SceneGraph, a: SceneGraph, scene: Scene) -> TopK:
         walls = np.array([[share(w.id, v.id) for v in a.wall_surfaces] for w in s.wall_surfaces], dtype=float)
-        return Proposals.of_dense(walls, np.zeros((len(s.rooms), len(a.rooms))))
+        return among(TopK.of_dense(walls), scene.plan)
 
     return propose
 
 
-@pytest.mark.parametrize("rooms", [2, 9])
 @pytest.mark.parametrize("misled", [False, True])
-def test_where_one_proposes_nothing_or_is_misled_the_others_are_asked(rooms: int, misled: bool) -> None:
-    truth = drawn_from(PLAN, "real", 2, rooms)
+def test_proposals_of_no_wall_or_of_another_room_give_no_answer(misled: bool) -> None:
+    truth = drawn_from(PLAN, "real", 2, 9)
     home = np.array(PLAN.room_by_id[next(iter(truth.rooms.values()))].centroid)
     far = max(PLAN.rooms, key=lambda r: np.hypot(*(np.array(r.centroid) - home)))
     proposer = proposing(lambda i, j: 0.5 if misled and PLAN.surface_by_id[j].room == far.id else 0.0)
-    alone, helped = (DeformableMatcher(proposer, o).match(truth.s_graph, PLAN) for o in (None, voting_proposals))
-    assert alone.status == "none" and share_right(alone, truth) < 0.2
-    assert share_right(helped, truth) > 0.85
+    result = GeometricMatcher(proposer).match(truth.s_graph, PLAN)
+    assert result.status == "none" and share_right(result, truth) < 0.2
 
 
 def test_a_symmetric_place_is_found_even_if_not_proposed(drifted: DrawnGraph) -> None:
     tower = merged(PLAN, a_graph(flat(np.random.default_rng(3)), "upper", "upper"))
     proposer = proposing(lambda i, j: float(drifted.wall_surfaces.get(i) == j))
-    result = DeformableMatcher(proposer).match(drifted.s_graph, tower)
+    result = GeometricMatcher(proposer).match(drifted.s_graph, tower)
     assert result.status == "ambiguous" and {h.floor for h in result.hypotheses[:2]} == {"ground", "upper"}
     known = MATCHER.match(drifted.s_graph, tower, floor="ground")
     assert (known.status, known.floor) == ("unique", "ground")

@@ -1,56 +1,64 @@
-"""The learned proposals: they know neither frame nor order, the compiled network is torch's, and files are whole."""
+"""The learned proposals: they know neither frame nor order, ONNX Runtime computes what torch does, files."""
 
 import dataclasses
-import io
-import pickle
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+import onnx
 import pytest
 import torch
-from plans import a_graph, flat, moved
+from onnx import TensorProto, helper
+from plans import a_graph, flat, merged, moved
+from safetensors import safe_open
+from safetensors.torch import load_file
 
-from data import Floor, SceneGraph, UserError
-from data.synthetic_maps.noise_models import DrawnGraph, draw
+from data import SceneGraph, UserError
+from data.synthetic_maps.noise_models import draw
 from matching import Matcher
-from matching.learned import LearnedProposer
-from matching.learned.network import CompiledNetwork
-from matching.learned.torch_weights import load_network, save_network
-from matching.network.consensus import _support, wall_rows
-from matching.network.dimensions import Settings
-from matching.network.encoder import GraphTensors
-from matching.network.features import PairRows, map_features, plan_features
-from matching.network.network import MatchingNetwork
-from matching.network.relations import wall_neighbours
-from matching.network.support_loops import combinations
+from matching.proposals.features import map_features, plan_features
+from matching.proposals.learned import LearnedProposer
+from matching.proposals.network import Graph, MatchingNetwork, Settings
+from matching.training.export import ENOUGH, save_network
 
-# Of an untrained network's candidates, which are all alike, the seventh and the eighth are told apart.
-SMALL = Settings(width=32, layers=2, candidates=7, cycles=2, rounds=2)
 PLAN = a_graph(flat(np.random.default_rng(3), 10, 8))
-Arrays = dict[str, np.ndarray[Any, Any]]
+MAP = draw(PLAN, "drift", np.random.default_rng(1), 3).s_graph
+ONE_WALL = dataclasses.replace(MAP, rooms=(), wall_surfaces=(dataclasses.replace(MAP.wall_surfaces[0], room=None),))
+
+
+@pytest.fixture(autouse=True)
+def _one_thread() -> None:
+    torch.set_num_threads(1)
 
 
 @pytest.fixture(scope="module")
-def drawn() -> DrawnGraph:
-    return draw(PLAN, "drift", np.random.default_rng(1), 3)
+def network() -> MatchingNetwork:
+    """Its candidates of later cycles matter, and its certainty is on both sides of where cycles end."""
+    torch.manual_seed(2)
+    network = MatchingNetwork(Settings(candidates=5)).eval().requires_grad_(False)
+    network.sharpness[0] = 30.0
+    return network
 
 
-def untrained(settings: Settings = SMALL) -> MatchingNetwork:
-    torch.manual_seed(0)
-    return MatchingNetwork(settings).eval().requires_grad_(False)
+@pytest.fixture(scope="module")
+def file(network: MatchingNetwork, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("network")
+    save_network(folder, network)
+    return folder / "learned.onnx"
 
 
 def table(proposer: LearnedProposer, s: SceneGraph, a: SceneGraph) -> dict[tuple[str, str], float]:
     """All proposals by ids."""
     found = proposer.propose(s, a)
-    pairs = {}
-    for of, in_s, in_a in ((found.walls, s.wall_surfaces, a.wall_surfaces), (found.rooms, s.rooms, a.rooms)):
-        for k, (partner, score) in enumerate(zip(of.partner, of.score, strict=True)):
-            pairs |= {(in_s[k].id, in_a[j].id): float(p) for j, p in zip(partner, score, strict=True) if j >= 0}
-    return pairs
+    assert found.partner.shape == found.score.shape and len(found.partner) == len(s.wall_surfaces)
+    return {
+        (s.wall_surfaces[i].id, a.wall_surfaces[found.partner[i, k]].id): float(found.score[i, k])
+        for i, k in np.argwhere(found.partner >= 0)
+    }
+
+
+def roomless(g: SceneGraph) -> SceneGraph:
+    return SceneGraph(g.frame, (), tuple(dataclasses.replace(w, room=None) for w in g.wall_surfaces))
 
 
 def shuffled(g: SceneGraph) -> SceneGraph:
@@ -60,127 +68,91 @@ def shuffled(g: SceneGraph) -> SceneGraph:
     return dataclasses.replace(g, wall_surfaces=surfaces, rooms=tuple(g.rooms[k] for k in rooms))
 
 
-def test_proposals_know_neither_where_the_graphs_lie_nor_the_order_of_nodes(drawn: DrawnGraph) -> None:
-    proposer, s = LearnedProposer(CompiledNetwork.of(untrained())), drawn.s_graph
-    expected = table(proposer, s, PLAN)
+def test_proposals_know_neither_where_the_graphs_lie_nor_the_order_of_nodes() -> None:
+    proposer = LearnedProposer.load()
+    expected = table(proposer, MAP, PLAN)
+    assert max(expected.values()) > 0.5
     for T in ((0.0, 400000.0, 5600000.0), (2.3, -3.0, 8.0), (np.pi / 2, 0.0, 0.0)):
-        for graphs in ((moved(s, *T), PLAN), (s, moved(PLAN, *T)), (shuffled(s), shuffled(PLAN))):
+        for graphs in ((moved(MAP, *T), PLAN), (MAP, moved(PLAN, *T)), (shuffled(MAP), shuffled(PLAN))):
             found = table(proposer, *graphs)
             for pair, p in expected.items():  # the order of the least likely is chance
                 assert found.get(pair, 0.0) == pytest.approx(p, abs=2e-3) or p < 0.05, pair
 
 
-@pytest.mark.parametrize(("noise", "rooms", "storeys"), [("drift", 3, 1), ("mis_segmented", 2, 2), ("real", 1, 1)])
-def test_the_compiled_network_says_what_torchs_says(noise: str, rooms: int, storeys: int) -> None:
-    s, a = draw(PLAN, noise, np.random.default_rng(7), rooms).s_graph, PLAN
-    if storeys == 2:
-        bare = tuple(dataclasses.replace(w, id=f"l{w.id}", room=None, floor="lower") for w in PLAN.wall_surfaces)
-        upper = a_graph(flat(np.random.default_rng(3), 10, 8), "upper")
-        floors = (Floor("upper"), Floor("lower"))
-        a = dataclasses.replace(upper, wall_surfaces=(*upper.wall_surfaces, *bare), floors=floors)
-    network = untrained(Settings(candidates=5))
-    f, g = map_features(s), plan_features(a)
-    pair = PairRows(*((0, len(x)) for x in (f.walls, g.walls, f.rooms, g.rooms)))
+GRAPHS: dict[str, tuple[SceneGraph, SceneGraph]] = {
+    "drift": (MAP, PLAN),
+    "storeys": (
+        draw(PLAN, "mis_segmented", np.random.default_rng(7), 2).s_graph,
+        merged(PLAN, a_graph(flat(np.random.default_rng(4)), "b", "b")),
+    ),
+    "a map without rooms": (roomless(MAP), PLAN),
+    "a plan without rooms": (MAP, roomless(PLAN)),
+    "one wall": (ONE_WALL, PLAN),
+    "a plan of one wall": (MAP, ONE_WALL),
+    "fewer planned walls than candidates": (MAP, SceneGraph("bim", PLAN.rooms[:1], PLAN.wall_surfaces[:3])),
+}
+
+
+@pytest.mark.parametrize("of", GRAPHS)
+def test_the_exported_network_computes_what_torchs_does(of: str, network: MatchingNetwork, file: Path) -> None:
+    s, a = GRAPHS[of]
+    seen, plan = map_features(s), plan_features(a)
     with torch.inference_mode():
-        output = network(network.encode(GraphTensors.of(f)), network.encode(GraphTensors.of(g)), [pair])
-    compiled = CompiledNetwork.of(network)
-    found = compiled.match(compiled.encode(f), compiled.encode(g), enough=1.0)
-    column, odds = output.walls[-1]
-    np.testing.assert_array_equal(found.column, column.numpy())
-    assert (found.column[:, 5:] >= 0).any(), "candidates come from later cycles too"
-    np.testing.assert_allclose(found.walls, odds.softmax(-1)[:, :-1].numpy(), atol=1e-5)
-    np.testing.assert_allclose(found.rooms, output.rooms[-1].softmax(-1)[:, :-1].numpy(), atol=1e-5)
+        output = network(network.encode(Graph.of(seen)), network.encode(Graph.of(plan)), ENOUGH)
+    column, probability = output.walls[-1][0].numpy(), output.walls[-1][1].softmax(dim=-1).numpy()
+    found, rows = table(LearnedProposer.load(file), s, a), np.argwhere(column >= 0)
+    expected = {(seen.wall_ids[i], plan.wall_ids[column[i, k]]): probability[i, k] for i, k in rows}
+    assert len(found) > 0 and all(p == pytest.approx(expected[pair], abs=2e-5) for pair, p in found.items())
+    assert all(pair in found or p < 0.1 for pair, p in expected.items())
 
 
-def test_a_gpu_looks_at_the_combinations_that_the_compiled_loop_looks_at(drawn: DrawnGraph) -> None:
-    s, a = GraphTensors.of(map_features(drawn.s_graph)), GraphTensors.of(plan_features(PLAN))
-    shape, last = (len(s.wall_node), 9), len(a.wall_node)
-    row = torch.randint(-1, last, shape, generator=torch.Generator().manual_seed(0))
-    compiled = combinations(wall_rows(s), wall_rows(a), row.numpy())
-    of_gpu = _support(s, a, row, wall_neighbours(s), 0, len(row))
-    (p, q, f), (u, v, g) = ([torch.as_tensor(x) for x in found] for found in (compiled, of_gpu))
-    one, other = (pair * row.numel() + partner for pair, partner in ((p, q), (u, v)))
-    assert len(one) > 100 and torch.equal(one.sort().values, other.sort().values)
-    torch.testing.assert_close(f[one.argsort()], g[other.argsort()], rtol=1e-4, atol=1e-4)
+def test_cycles_end_where_the_walls_are_certain(network: MatchingNetwork) -> None:
+    def run(s: SceneGraph, enough: float) -> tuple[torch.Tensor, bool]:
+        encoded = (network.encode(Graph.of(f)) for f in (map_features(s), plan_features(PLAN)))
+        column, _ = network(*encoded, enough).walls[-1]
+        return column, bool((column[:, 5:] >= 0).any())
+
+    assert run(MAP, 1.0)[1] and not run(MAP, 0.0)[1], "a second cycle adds candidates, unless the first was enough"
 
 
-@pytest.mark.parametrize("suffix", [".pt", ".npz"])
-def test_a_network_is_read_as_it_was_written(tmp_path: Path, drawn: DrawnGraph, suffix: str) -> None:
-    network, path = untrained(), tmp_path / f"n{suffix}"
-    save_network(path, network)
-    again = load_network(path)
-    assert again.settings == SMALL and not again.training
-    for one, other in zip(network.state_dict().values(), again.state_dict().values(), strict=True):
-        assert other.dtype == torch.float32 and torch.allclose(one, other, rtol=1e-3, atol=1e-6)
-    expected = table(LearnedProposer(CompiledNetwork.of(again)), drawn.s_graph, PLAN)
-    assert table(LearnedProposer.load(path), drawn.s_graph, PLAN) == expected
+def test_the_weights_are_beside_the_model(network: MatchingNetwork, file: Path) -> None:
+    weights = file.with_suffix(".safetensors")
+    state = load_file(weights)
+    assert all(torch.equal(value, state[name]) for name, value in network.state_dict().items())
+    with safe_open(weights, "pt") as held:
+        assert Settings(**{k: int(v) for k, v in held.metadata().items()}) == network.settings
 
 
-class Opens:
-    """Pickled, it writes a file when it is read."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return open, (str(self._path), "w")
-
-
-def changed(change: Callable[[Arrays], object]) -> Callable[[bytes], bytes]:
-    def written(whole: bytes) -> bytes:
-        arrays, file = dict(np.load(io.BytesIO(whole))), io.BytesIO()
-        change(arrays)
-        np.savez(file, allow_pickle=True, **arrays)  # type: ignore[arg-type]
-        return file.getvalue()
-
-    return written
+def other_model(whole: bytes) -> bytes:
+    """A whole ONNX model, which is another network's."""
+    x, y = (helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", 3]) for name in "xy")
+    graph = helper.make_graph([helper.make_node("Relu", ["x"], ["y"])], "other", [x], [y])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=8)
+    onnx.checker.check_model(model)
+    return bytes(model.SerializeToString())
 
 
-def unpacked_large(whole: bytes) -> bytes:
-    file = io.BytesIO()
-    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("tag.npy", whole[:100] + bytes(1 << 26))
-    return file.getvalue()
-
-
-WEIGHT = "weight/encoder.node.0.weight"
 FOREIGN: dict[str, Callable[[bytes], bytes]] = {
     "text": lambda whole: b"not a network",
+    "nothing": lambda whole: b"",
     "cut": lambda whole: whole[: len(whole) // 2],
-    "a bit": lambda whole: whole[: (n := len(whole) // 2)] + bytes([whole[n] ^ 1]) + whole[n + 1 :],
-    "large": unpacked_large,
-    "another version": changed(lambda a: a.update(tag=np.array("sgslam learned 999"))),
-    "another shape": changed(lambda a: a.update({WEIGHT: a[WEIGHT].T})),
-    "infinite": changed(lambda a: a.update({WEIGHT: a[WEIGHT] * np.float16(np.inf)})),
+    "another model": other_model,
+    "large": lambda whole: whole + bytes(1 << 24),
+    "an archive of earlier versions": lambda whole: b"PK\x03\x04" + whole[:1000],
 }
 
 
 @pytest.mark.parametrize("what", FOREIGN)
-def test_what_is_not_one_whole_network_is_refused(tmp_path: Path, what: str) -> None:
-    save_network(tmp_path / "n.npz", untrained())
-    (tmp_path / "n.npz").write_bytes(FOREIGN[what]((tmp_path / "n.npz").read_bytes()))
-    with pytest.raises(UserError, match=r"n\.npz: ") as error:
-        Matcher.load(f"learned@{tmp_path / 'n.npz'}")
-    assert "\n" not in str(error.value)
+def test_what_is_not_a_network_is_refused_in_one_line(tmp_path: Path, file: Path, what: str) -> None:
+    path = tmp_path / ("learned.npz" if "archive" in what else "n.onnx")
+    path.write_bytes(FOREIGN[what](file.read_bytes()))
+    with pytest.raises(UserError, match=r"matching\.train") as error:
+        Matcher.load(f"learned@{path}")
+    assert str(path) in str(error.value) and "\n" not in str(error.value)
 
 
-def test_nothing_in_a_file_is_run_and_other_mistakes_are_named(tmp_path: Path) -> None:
-    (tmp_path / "n.npz").write_bytes(pickle.dumps(Opens(tmp_path / "ran")))
-    with pytest.raises(UserError, match=r"n\.npz"):
-        Matcher.load(f"learned@{tmp_path / 'n.npz'}")
-    objects = np.empty(1, dtype=object)
-    objects[0] = Opens(tmp_path / "ran")
-    np.savez(tmp_path / "n.npz", allow_pickle=True, tag=objects)
-    with pytest.raises(UserError, match=r"n\.npz"):
-        Matcher.load(f"learned@{tmp_path / 'n.npz'}")
-    assert not (tmp_path / "ran").exists()
-    save_network(tmp_path / "n.pt", untrained())
-    value = torch.load(tmp_path / "n.pt", weights_only=True)
-    torch.save({**value, "state": dict(list(value["state"].items())[1:])}, tmp_path / "short.pt")
-    torch.save({"weights": 1}, tmp_path / "other.pt")
-    (tmp_path / "cut.pt").write_bytes((tmp_path / "n.pt").read_bytes()[:500])
-    for name in ("short.pt", "other.pt", "cut.pt", "missing.pt", "missing.npz"):
-        with pytest.raises(UserError, match=name):
-            Matcher.load("learned", weights=tmp_path / name)
+def test_a_missing_file_and_weights_for_a_method_without_them_are_named(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r"missing\.onnx"):
+        Matcher.load("learned", weights=tmp_path / "missing.onnx")
     with pytest.raises(UserError, match="takes no weights"):
-        Matcher.load("voting", weights=tmp_path / "n.pt")
+        Matcher.load("voting", weights=tmp_path / "missing.onnx")

@@ -1,22 +1,25 @@
-"""The published methods: what their papers say of them, their training, their answers, their files."""
+"""The published matcher: what its paper says of it, its training, its answers, its files."""
 
-import dataclasses
-import json
+import csv
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import safetensors.torch
+import torch
 from plans import a_graph, flat, moved
 
-from data import SceneGraph, UserError
+import matching
+from data import UserError
 from data.synthetic_maps.noise_models import draw
 from matching import Matcher, MatchResult
 from matching.published.data import laid_out
-from matching.published.network import PRESETS, PUBLISHED, REPOSITORY, PaperNetwork
+from matching.published.matcher import load_paper_network
+from matching.published.network import PRESETS, PaperNetwork, soft_assignment
 from matching.published.train import main as train_command
-from matching.published.weights import load_paper_network
 
 PLAN = a_graph(flat(np.random.default_rng(3), 10, 8))
 
@@ -25,58 +28,67 @@ def right(result: MatchResult, truth: dict[str, str]) -> float:
     return sum(truth.get(i) == j for i, j, _ in (*result.rooms, *result.wall_surfaces)) / len(truth)
 
 
-@pytest.mark.parametrize("method", ["pca-gm", "superglue"])
-def test_relatives_of_our_network_find_most_walls_of_a_map(method: str) -> None:
-    plan, shares = a_graph(flat(np.random.default_rng(1), 12, 9)), []
-    for seed in range(3):
-        drawn = draw(plan, "real", np.random.default_rng(seed), 6)
-        result = Matcher.load(method).match(drawn.s_graph, plan)
-        shares.append(right(dataclasses.replace(result, rooms=()), drawn.wall_surfaces))
-        assert len({a for _, a, _ in result.wall_surfaces}) == len(result.wall_surfaces)
-    assert np.mean(shares) > 0.5
-    walls = tuple(dataclasses.replace(w, room=None) for w in drawn.s_graph.wall_surfaces)
-    assert Matcher.load(method).match(SceneGraph("map", (), walls), plan).rooms == ()
-
-
-def test_the_published_networks_know_their_perturbation_and_nothing_of_an_unknown_start() -> None:
+def test_the_published_network_knows_its_perturbation_and_nothing_of_an_unknown_start() -> None:
     a = laid_out(PLAN, np.random.default_rng(2))
     drawn = draw(a, "paper", np.random.default_rng(0))
     matcher, truth = Matcher.load("paper@repository"), {**drawn.rooms, **drawn.wall_surfaces}
     assert right(matcher.match(drawn.s_graph, a), truth) > 0.75
     assert right(matcher.match(moved(drawn.s_graph, 0.0, 25.0, -20.0), a), truth) < 0.5
     assert matcher.match(drawn.s_graph, a, start=(0.0, 1e3, 0.0)).status == "none"
-    assert load_paper_network("published").settings == PUBLISHED
+    assert load_paper_network("published").settings == PRESETS["published"]
     sizes = {name: sum(p.numel() for p in PaperNetwork(s).parameters()) for name, s in PRESETS.items()}
     assert sizes == {"published": 55_074, "repository": 50_754}
 
 
-@pytest.mark.slow
-def test_the_command_trains_goes_on_and_refuses_mistakes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["--preset", "repository", "--out", str(tmp_path), "--pairs", "20", "--epochs"]
-    train_command([*words, "1"])
-    train_command([*words, "2"])
-    assert "resuming after 1 epochs" in capsys.readouterr().out
-    with pytest.raises(UserError, match="a run with another seed"):
-        train_command([*words, "2", "--seed", "1"])
-    assert json.loads((tmp_path / "model_card.json").read_text())["parameters"] == 50_754
-    assert load_paper_network(tmp_path / "paper.pt").settings == REPOSITORY
-    for wrong in (["--preset", "best"], ["--edges", "all"], ["--without", "walls"], ["--epochs", "0"]):
+def test_sinkhorn_equals_that_of_a_square_matrix_filled_with_dummies() -> None:
+    for shape in ((5, 3), (3, 5), (4, 4)):
+        affinity = torch.randn(*shape, generator=torch.Generator().manual_seed(0))
+        size = max(shape)
+        square = torch.nn.functional.pad(affinity, (0, size - shape[1], 0, size - shape[0]))
+        p = (square.double() / 0.3).exp()
+        for k in range(10):
+            p = p / p.sum(dim=(k + (shape[0] < shape[1])) % 2, keepdim=True)
+        assert torch.allclose(soft_assignment(affinity, 0.3, 10), p[: shape[0], : shape[1]].float(), atol=1e-6)
+
+
+def test_training_learns_and_the_same_seed_gives_the_same_file(tmp_path: Path) -> None:
+    given = ["--preset", "repository", "--pairs", "12", "--epochs", "3", "--out"]
+    for name in ("one", "two"):
+        train_command([*given, str(tmp_path / name)])
+    one, two = ((tmp_path / name / "paper.safetensors").read_bytes() for name in ("one", "two"))
+    assert one == two
+    with (tmp_path / "one/curve.csv").open() as file:
+        losses = [float(row["loss"]) for row in csv.DictReader(file)]
+    assert len(losses) == 3 and losses[-1] < losses[0]
+    assert load_paper_network(tmp_path / "one/paper.safetensors").settings == PRESETS["repository"]
+    Matcher.load("paper", tmp_path / "one/paper.safetensors").match(PLAN, PLAN)
+
+
+def test_mistakes_are_named(tmp_path: Path) -> None:
+    for wrong in (["--preset", "best"], ["--epochs", "0"], ["--pairs", "0"]):
         with pytest.raises(UserError, match=wrong[0]):
             train_command(["--out", str(tmp_path / "out"), *wrong])
-    (tmp_path / "bad.pt").write_text("no")
-    for name in ("bad.pt", "none.pt"):
-        with pytest.raises(UserError, match=name):
-            Matcher.load("paper", tmp_path / name)
+    shipped = (Path(matching.__file__).parent / "weights/paper_published.safetensors").read_bytes()
+    (tmp_path / "text.safetensors").write_text("no")
+    (tmp_path / "short.safetensors").write_bytes(shipped[:-4])
+    (tmp_path / "other.safetensors").write_bytes(safetensors.torch.save({"a": torch.zeros(1)}))
+    wider = shipped[8:].replace(b'\\"hidden\\": 64', b'\\"hidden\\": 65')
+    assert wider != shipped[8:]
+    (tmp_path / "wider.safetensors").write_bytes(shipped[:8] + wider)
+    for name in ("text", "short", "other", "wider", "none"):
+        with pytest.raises(UserError, match=f"{name}.safetensors"):
+            Matcher.load("paper", tmp_path / f"{name}.safetensors")
+    with pytest.raises(UserError, match=tmp_path.name):
+        Matcher.load("paper", tmp_path)
 
 
-@pytest.mark.parametrize(("extra", "needs"), [("torch", "torch"), ("tune", "optuna")])
-def test_what_is_not_installed_is_named_with_its_extra(
-    extra: str, needs: str, tmp_path: Path, monkeypatch: Any
-) -> None:
-    from matching.published.study import main as tune
-
-    monkeypatch.setitem(sys.modules, needs, None)
-    with pytest.raises(UserError, match=rf"pip install 'sgslam\[{extra}\]'"):
-        Matcher.load("pca-gm") if needs == "torch" else tune(["--out", str(tmp_path)])
+@pytest.mark.parametrize("missing", ["torch", "safetensors"])
+def test_what_is_not_installed_is_named_with_its_extra(missing: str, tmp_path: Path, monkeypatch: Any) -> None:
+    for name in [m for m in sys.modules if m.startswith("matching.published.")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, missing, None)
+    for call in (partial(Matcher.load, "paper"), partial(train_command, ["--out", str(tmp_path)])):
+        with pytest.raises(UserError, match=rf"{missing}; pip install 'sgslam\[torch\]'"):
+            call()
     for method in ("learned", "voting", "combinatorial"):
         Matcher.load(method)

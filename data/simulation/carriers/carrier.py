@@ -21,8 +21,7 @@ class Motion(Protocol):
     """A sensor's motion, `duration` seconds from rest to rest."""
 
     @property
-    def duration(self) -> float:
-        ...
+    def duration(self) -> float: ...
 
     def ground(self, seconds: Array) -> Array:
         """x y yaw (N, 3) of the way below, or with the ground's z (N, 4), at times (N,) that increase."""
@@ -36,20 +35,16 @@ class Carrier(Protocol):
     say otherwise, and `top` (m) how far the body reaches above the floor."""
 
     @property
-    def name(self) -> str:
-        ...
+    def name(self) -> str: ...
 
     @property
-    def robot(self) -> Robot:
-        ...
+    def robot(self) -> Robot: ...
 
     @property
-    def rolling(self) -> bool:
-        ...
+    def rolling(self) -> bool: ...
 
     @property
-    def top(self) -> float:
-        ...
+    def top(self) -> float: ...
 
     @property
     def height(self) -> float:

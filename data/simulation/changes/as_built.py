@@ -13,9 +13,7 @@ from data.ifc.products import IfcProduct, open_ifc
 from data.simulation.changes.changes import Change
 
 
-def as_built(
-    model: ifcopenshell.file, planned: list[IfcProduct], changes: tuple[Change, ...]
-) -> list[IfcProduct]:
+def as_built(model: ifcopenshell.file, planned: list[IfcProduct], changes: tuple[Change, ...]) -> list[IfcProduct]:
     """Returns the products after the changes; fillings of a wall's openings move with it, and an opening with the door
     or window that fills it. Gaps at a moved wall's ends stay; walls keep the openings that they have in `planned`.
     """

@@ -37,15 +37,11 @@ def write_elements(
     counts = Counter(verdict.verdict for verdict in verdicts)
     entries = [asdict(verdict) for verdict in verdicts]
     more = [asdict(wall) for wall in unplanned]
-    write_json(
-        out / JSON, {"tolerance_m": tolerance, "counts": dict(counts), "elements": entries, "unplanned": more}
-    )
+    write_json(out / JSON, {"tolerance_m": tolerance, "counts": dict(counts), "elements": entries, "unplanned": more})
     write_tables(out, entries, more)
 
 
-def write_tables(
-    out: Path, entries: Sequence[Mapping[str, Any]], unplanned: Sequence[Mapping[str, Any]] = ()
-) -> None:
+def write_tables(out: Path, entries: Sequence[Mapping[str, Any]], unplanned: Sequence[Mapping[str, Any]] = ()) -> None:
     """Writes the entries of elements.json as tables, with the pictures that are there; unplanned walls come last."""
     rows = [[*_row(entry), _picture(out, entry["global_id"])] for entry in entries]
     rows += [_unplanned_row(entry) for entry in unplanned]

@@ -28,7 +28,7 @@ from data.scene_graph.g2o import read_g2o
 from data.streams import McapPipe
 from data.trajectory.readers import read_poses
 from data.trajectory.stamps import read_times
-from matching.learned.weights_file import load_learned
+from matching.proposals.learned import LearnedProposer
 from matching.self_test import three_rooms, write_small_network
 from sgslam.config import Config
 from sgslam.config.loading import load_config, save_config
@@ -103,9 +103,9 @@ def _lines(form: str, folder: Path) -> list[bytes]:
     return ["".join(form.replace("{k}", str(k)) for k in range(10)).encode()]
 
 
-def _network(suffix: str, folder: Path) -> list[bytes]:
-    write_small_network(folder / f"a{suffix}")  # those that are shipped have more weights than form
-    return [(folder / f"a{suffix}").read_bytes()]
+def _network(folder: Path) -> list[bytes]:
+    write_small_network(folder / "a.onnx")  # the one that is shipped has more weights than form
+    return [(folder / "a.onnx").read_bytes()]
 
 
 def _state(folder: Path) -> list[bytes]:
@@ -144,7 +144,7 @@ def _all() -> Iterator[Reader]:
         "g2o", ".g2o", lambda _: ["\n".join(drawn_graph().lines).encode()], lambda p: read_g2o(p).scene_graph()
     )
     yield Reader("settings", ".yaml", lambda _: [*SETTINGS], lambda path: load_config(path, []), 0.3)
-    yield Reader("network", ".npz", partial(_network, ".npz"), load_learned, 0.5, "zip")
+    yield Reader("network", ".onnx", _network, LearnedProposer.load, 0.5)
     yield Reader("state", ".npz", _state, lambda path: read_state(path, {}), 0.5, "zip")
 
 

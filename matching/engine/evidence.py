@@ -1,0 +1,264 @@
+"""The log likelihood ratio of a map under a field of motions against chance, in nats.
+
+Each S wall is either a wall of the plan, with a normal deviation whose size is marginalised over, or something else
+(clutter, or a wall that is not in the plan); chance is an A wall of its direction at a random place. The walls of an S
+room belong to one A room, or rarely to two that the map merged; the A rooms' walls and doors should be in the map; and
+the field pays for its deformation between neighbours.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.compiled import compiled
+from data.geometry.se2 import Array
+from matching.arrays import Index
+from matching.engine.door_evidence import door_evidence
+from matching.engine.field import Fields, Judged, Scene, chi2, judge
+from matching.engine.field_loops import SIGMA_HEADING, SIGMA_SCORE
+
+SIGMAS = np.array([0.02, 0.04, 0.07, 0.12])  # metres across, equally likely beforehand
+NOT_IN_PLAN = 0.3  # prior of an S wall, over its length in metres: cupboards are short
+NOT_IN_PLAN_BOUNDS = (0.04, 0.3)
+LEAST_DENSITY = 0.1  # walls per metre; a rare direction must not prove a place
+SEEN = 0.3  # quality of a pair
+SHOWN = 0.8  # metres; shorter walls may well vanish
+ENTERED = 0.6
+MOST_STRAINED = 50.0  # chi^2 of one pair of neighbours: rooms are not torn from one another
+LEAST_HERE, MOST_OFF = 1e-6, 0.8  # pairs that lie less beside each other, or further off (metres), are as good as none
+ELSEWHERE = 0.1  # how likely a wall is that of another A room than its S room's
+TWO_IN_ONE = 0.05  # of the S rooms are two A rooms
+# How the ends of walls may have been seen, one way for all of a map, all ways equally likely beforehand: metres along;
+# of the ends, those that are where the plan has them, stop short of there, and run on.
+# A robot finds an end well or not at all; a map that was drawn by hand, or is old, has them all, and all a little off.
+ENDS = np.array([(0.05, 0.5, 0.45, 0.05), (0.35, 0.87, 0.08, 0.05)])
+
+
+@dataclass(frozen=True)
+class _Homes:
+    """Of K fields and R S rooms, the A rooms of the field's storey with most and second most of the walls."""
+
+    first: Index  # (K, R), -1 for none
+    second: Index  # (K, R)
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What is known of a map's noise: its `sigmas` in metres across, and rows as those of `ENDS`, all combinations of
+    them equally likely.
+    """
+
+    sigmas: Array
+    ends: Array
+
+
+UNKNOWN = Noise(SIGMAS, ENDS)
+
+
+@dataclass(frozen=True)
+class Chance:
+    """The storey and building whose walls define chance, the same for all fields of a scene.
+
+    With one for each field, the place in the emptier of two equal storeys would look better.
+    """
+
+    storey: int
+    building: int
+
+    @staticmethod
+    def of(scene: Scene, fields: Fields, table: Index) -> "Chance":
+        """Where most walls of the first field are, weighted by what they explain."""
+        quality = judge(scene, table[:1], fields.state[:1], SIGMA_SCORE).quality[0]
+        storey = int(fields.storey[0])
+        building = scene.plan.storeys[storey].building[np.where(table[0] >= 0, table[0] - scene.plan.first[storey], 0)]
+        explained = np.bincount(building.ravel(), (quality * scene.s.half[:, None]).ravel())
+        return Chance(storey, int(explained.argmax()))
+
+
+def evidence(scene: Scene, fields: Fields, table: Index, chance: Chance, noise: Noise = UNKNOWN) -> Array:
+    """(K,) nats, comparable between all fields of a scene."""
+    now = judge(scene, table, fields.state, SIGMA_SCORE)
+    homes = _homes(scene, table, now.quality)
+    walls = _of_walls(scene, fields, table, now, homes, chance, noise)
+    seen = []
+    for k, storey in enumerate(fields.storey.tolist()):
+        a, first = scene.plan.storeys[storey], int(scene.plan.first[storey])
+        seen.append(_completeness(a.half, a.room, len(a.rooms), table[k], first, now.quality[k], homes.first[k]))
+    rest = door_evidence(scene, fields, homes.first) - 0.5 * bending(scene, fields)
+    return np.asarray(walls + np.array(seen) + rest)
+
+
+def bending(scene: Scene, fields: Fields) -> Array:
+    """(K,) chi^2 of a chain of rooms, from the mean over all neighbours: neighbours form loops, drift accumulates
+    along a path.
+    """
+    if not len(scene.groups.edges):
+        return np.zeros(len(fields))
+    each = np.minimum(chi2(scene, fields.state), MOST_STRAINED)
+    return np.asarray(each.mean(axis=1) * (len(scene.groups) - 1))
+
+
+def _homes(scene: Scene, table: Index, quality: Array) -> _Homes:
+    rooms = max((len(a.rooms) for a in scene.plan.storeys), default=0)
+    return _Homes(*_homes_of(scene.s.room, scene.s.weight, len(scene.s.rooms), scene.plan.room, rooms, table, quality))
+
+
+@compiled
+def _homes_of(
+    s_room: Index, weight: Array, s_rooms: int, a_room: Index, a_rooms: int, table: Index, quality: Array
+) -> tuple[Index, Index]:
+    """See `_Homes`; each wall votes for the room of its best partner."""
+    first, second = np.full((len(table), s_rooms), -1), np.full((len(table), s_rooms), -1)
+    for k in range(len(table)):
+        votes = np.zeros((s_rooms, a_rooms))
+        for i in range(len(s_room)):
+            p = quality[k, i].argmax()
+            room = a_room[table[k, i, p]]
+            if quality[k, i, p] > SEEN and s_room[i] >= 0 and room >= 0:
+                votes[s_room[i], room] += weight[i] * quality[k, i, p]
+        for r in range(s_rooms):
+            for q in range(a_rooms):
+                if votes[r, q] > (votes[r, first[k, r]] if first[k, r] >= 0 else 0.0):
+                    first[k, r], second[k, r] = q, first[k, r]
+                elif votes[r, q] > (votes[r, second[k, r]] if second[k, r] >= 0 else 0.0):
+                    second[k, r] = q
+    return first, second
+
+
+def _of_walls(
+    scene: Scene, fields: Fields, table: Index, now: Judged, homes: _Homes, chance: Chance, noise: Noise
+) -> Array:
+    """(K,) nats of all S walls, marginalised over the noise."""
+    s, plan = scene.s, scene.plan
+    met = _met(scene, fields, chance)
+    nats = _nats(
+        s.half, s.known, s.room, plan.half, plan.known, plan.room, table, now.beside, now.across, now.along,
+        now.turned, met, homes.first, homes.second, noise.sigmas, noise.ends,
+    )  # fmt: skip
+    return np.asarray(np.logaddexp.reduce(nats, axis=1) - np.log(nats.shape[1]))
+
+
+@compiled
+def _nats(
+    half: Array, known: NDArray[np.bool_], room: Index, a_half: Array, a_known: NDArray[np.bool_], a_room: Index,
+    table: Index, beside: Array, across: Array, along: Array, turned: Array, met: Array, first: Index, second: Index,
+    sigmas: Array, ends: Array,
+) -> Array:  # fmt: skip
+    """(K, precisions) nats of all S walls, room by room; a room's walls are those of one A room or of two."""
+    fields, walls, width = table.shape
+    precisions = len(sigmas) * len(ends)
+    total, density = np.zeros((fields, precisions)), np.empty(precisions)
+    for k in range(fields):
+        rooms, best = np.zeros((2, first.shape[1], precisions)), np.empty((2, precisions))
+        for i in range(walls):
+            best[:] = 0.0
+            one, two = (first[k, room[i]], second[k, room[i]]) if room[i] >= 0 else (-1, -1)
+            for p in range(width):
+                here = beside[k, i, p] * np.exp((-0.5 / SIGMA_HEADING**2) * turned[k, i, p] ** 2)
+                if here <= LEAST_HERE or abs(across[k, i, p]) >= MOST_OFF:
+                    continue
+                j = table[k, i, p]
+                _measured(
+                    across[k, i, p], along[k, i, p], half[i], a_half[j], known[i] and a_known[j], sigmas, ends, density
+                )
+                free = one < 0 or a_room[j] < 0 or a_room[j] == one
+                in_one, in_two = 1.0 if free else ELSEWHERE, 1.0 if free or a_room[j] == two else ELSEWHERE
+                for n in range(precisions):
+                    ratio = here / met[k, i] * density[n]
+                    best[0, n], best[1, n] = max(best[0, n], ratio * in_one), max(best[1, n], ratio * in_two)
+            other = min(max(NOT_IN_PLAN / (2 * half[i]), NOT_IN_PLAN_BOUNDS[0]), NOT_IN_PLAN_BOUNDS[1])
+            for n in range(precisions):
+                of_wall = also = np.log((1 - other) * best[0, n] + other)
+                if best[1, n] != best[0, n]:
+                    also = np.log((1 - other) * best[1, n] + other)
+                if room[i] >= 0:
+                    rooms[0, room[i], n] += of_wall
+                    rooms[1, room[i], n] += also
+                else:
+                    total[k, n] += of_wall
+        for r in range(rooms.shape[1]):
+            for n in range(precisions):
+                total[k, n] += either(rooms[0, r, n] + np.log(1 - TWO_IN_ONE), rooms[1, r, n] + np.log(TWO_IN_ONE))
+    return total
+
+
+@compiled
+def _measured(
+    across: float, along: float, half: float, a_half: float, known: bool, sigmas: Array, ends: Array, density: Array
+) -> None:
+    """Writes (precisions,) the density of a wall's offset from a line of the plan, times that of its ends if
+    lengths are known.
+    """
+    for e in range(len(ends)):
+        sigma, seen, short, beyond = ends[e]
+        both = 1.0
+        if known:
+            for side in (-1, 1):
+                gap = side * along + half - a_half
+                both *= seen * _normal(gap, sigma) * max(2 * a_half, 1.0) + (short if gap < 0 else beyond)
+        density[e :: len(ends)] = both
+    for n in range(len(sigmas)):
+        normal = _normal(across, sigmas[n])
+        for e in range(len(ends)):
+            density[n * len(ends) + e] *= normal
+
+
+@compiled
+def _normal(off: float, sigma: float) -> float:
+    """Normal density; 0 beyond ten deviations, where other explanations dominate."""
+    return np.exp(-0.5 * (off / sigma) ** 2) / (np.sqrt(2 * np.pi) * sigma) if abs(off) < 10 * sigma else 0.0
+
+
+@compiled
+def either(one: float, other: float) -> float:
+    """The logarithm of the sum of two numbers given by their logarithms."""
+    return max(one, other) + np.log1p(np.exp(-abs(one - other)))
+
+
+def _met(scene: Scene, fields: Fields, chance: Chance) -> Array:
+    """(K, Ns) how many A walls of its direction an S wall meets per metre across, at a random place of the building."""
+    storeys = scene.plan.storeys
+    a = storeys[chance.storey]
+    turned = np.array([storeys[st].T_graph_own[0] - a.T_graph_own[0] for st in fields.storey.tolist()])
+    count, half = scene.plan.met[chance.storey][:, chance.building]
+    met = _walls_met(scene.s.heading, scene.s.half, fields.state, turned, count, half)
+    return np.asarray(np.maximum(met / a.building_areas[chance.building], LEAST_DENSITY))
+
+
+@compiled
+def _walls_met(heading: Array, half: Array, state: Array, turned: Array, count: Array, a_half: Array) -> Array:
+    """(K, Ns) as `_met`; `count` and `a_half` (360,) are those of the building's walls for each degree of direction."""
+    found = np.empty((len(state), len(heading)))
+    for k in range(len(state)):
+        yaw = np.arctan2(np.sin(state[k, :, 0]).sum(), np.cos(state[k, :, 0]).sum()) + turned[k]
+        for i in range(len(heading)):
+            own = int(np.rint(np.degrees(heading[i] + yaw))) % 360
+            found[k, i] = 2 * (a_half[own] + count[own] * half[i])
+    return found
+
+
+@compiled
+def _completeness(
+    half: Array, a_room: Index, rooms: int, table: Index, first: int, quality: Array, home: Index
+) -> float:
+    """Nats for the A walls of one storey that the map should have: those of A rooms with most walls of some S room.
+
+    An A room was either entered, so that most of its walls are observed, or seen through a door.
+    """
+    seen = np.zeros(len(half), dtype=np.bool_)
+    for i in range(table.shape[0]):
+        for p in range(table.shape[1]):
+            if quality[i, p] > SEEN:
+                seen[table[i, p] - first] = True
+    count, is_home = np.zeros((rooms, 2)), np.zeros(rooms, dtype=np.bool_)
+    is_home[home[home >= 0]] = True
+    for j in range(len(half)):
+        if 2 * half[j] > SHOWN and a_room[j] >= 0:
+            count[a_room[j], 0 if seen[j] else 1] += 1
+    total = 0.0
+    for q in np.flatnonzero(is_home):
+        entered = np.log(ENTERED) + np.log(0.85 / 0.5) * count[q, 0] + np.log(0.15 / 0.5) * count[q, 1]
+        glimpsed = np.log(1 - ENTERED) + np.log(0.4 / 0.5) * count[q, 0] + np.log(0.6 / 0.5) * count[q, 1]
+        total += either(entered, glimpsed)
+    return total

@@ -1,0 +1,155 @@
+"""Wall by wall functions of a field of motions, for compiled loops."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from data.common.compiled import compiled
+from data.geometry.se2 import Array
+from data.geometry.se2_compiled import wrapped
+from matching.arrays import Index
+from matching.arrays.blocks import Elimination
+
+SAME_DIRECTION = float(np.radians(15))
+SIGMA_SCORE = 0.15  # metres across, of the final judgement
+SIGMA_HEADING = float(np.radians(5))
+SIGMA_ALONG = 0.4  # metres; the ends of walls are seen badly
+FAR = 9.0  # deviations: what is further off is as good as none
+
+
+class Loops(NamedTuple):
+    """The arrays of a scene that compiled loops need."""
+
+    heading: Array  # (Ns,)
+    half: Array
+    weight: Array
+    group: Index
+    arm: Array  # (Ns, 2)
+    centre: Array  # (G, 2)
+    edges: Index  # (E, 2)
+    slack: Array  # (E, 3) deviations
+    elimination: Elimination  # of the groups, joined by the edges
+    lines: Array  # (Na, 6) as those of `Walls`
+    order: Index  # (Na,) as `PlanWalls.by_heading`
+    ordered: Array
+    ordered_lines: Array  # (6, Na)
+    first: Index  # (storeys + 1,)
+
+
+@compiled
+def of_direction(ordered: Array, begin: int, end: int, heading: float, width: float) -> tuple[int, int, int, int]:
+    """Where headings within a width of a heading in [-pi, pi) begin and end among ascending ones, between two places.
+
+    A second range holds those that wrap around a full turn.
+    """
+    low, high, some = heading - width, heading + width, ordered[begin:end]
+    first = begin + int(np.searchsorted(some, low))
+    last = begin + int(np.searchsorted(some, high, side="right"))
+    if low < -np.pi:
+        return first, last, begin + int(np.searchsorted(some, low + 2 * np.pi)), end
+    if high >= np.pi:
+        return first, last, begin, begin + int(np.searchsorted(some, high - 2 * np.pi, side="right"))
+    return first, last, end, end
+
+
+@compiled
+def off_lines(lines: Array, first: int, last: int, x: float, y: float, off: Array) -> None:
+    """Writes the distances of a point from lines (6, Na), across and along; compiles to vector code."""
+    n_x, n_y, at = lines[2, first:last], lines[3, first:last], lines[4, first:last]
+    for n in range(len(at)):
+        off[n] = abs(n_x[n] * x + n_y[n] * y - at[n])
+
+
+@compiled
+def turns(state: Array) -> Array:
+    """(G, 2) cosines and sines of a field's (G, 3) yaws."""
+    found = np.empty((len(state), 2))
+    for g in range(len(state)):
+        found[g, 0], found[g, 1] = np.cos(state[g, 0]), np.sin(state[g, 0])
+    return found
+
+
+@compiled
+def wall_poses(m: Loops, state: Array, turn: Array) -> Array:
+    """(Ns, 5) the walls under a field (G, 3) with known `turns`: heading, mid point, and mid point from the group's
+    centre.
+    """
+    heading, group, arm, pose = m.heading, m.group, m.arm, np.empty((len(m.heading), 5))
+    for i in range(len(pose)):
+        g = group[i]
+        cos, sin = turn[g, 0], turn[g, 1]
+        pose[i, 3] = cos * arm[i, 0] - sin * arm[i, 1]
+        pose[i, 4] = sin * arm[i, 0] + cos * arm[i, 1]
+        pose[i, 0], pose[i, 1] = heading[i] + state[g, 0], state[g, 1] + pose[i, 3]
+        pose[i, 2] = state[g, 2] + pose[i, 4]
+    return pose
+
+
+@compiled
+def compared(lines: Array, j: int, half: float, pose: Array, i: int) -> tuple[float, float, float, float]:
+    """The offset of a placed wall of the map from a wall of the plan across, along and in direction, and its
+    overlap.
+    """
+    across = lines[j, 2] * pose[i, 1] + lines[j, 3] * pose[i, 2] - lines[j, 4]
+    along = lines[j, 2] * pose[i, 2] - lines[j, 3] * pose[i, 1] - lines[j, 5]
+    return across, along, wrapped(pose[i, 0] - lines[j, 1]), _share_beside(along, half, lines[j, 0])
+
+
+@compiled
+def _share_beside(along: float, half: float, a_half: float) -> float:
+    span = 1.6 * min(half, 4.0)  # a fifth of a wall may stand out: its ends slide
+    common = min(half + a_half - abs(along), 2 * min(half, a_half))
+    return min(common / span, 1.0) if common > 0 else 0.0
+
+
+@compiled
+def sharpness(sigma: float) -> tuple[float, float]:
+    """The weights of squared metres across and squared radians for a deviation across."""
+    sigma_turned = SIGMA_HEADING * min(max(sigma / SIGMA_SCORE, 1.0), 2.0)
+    return 0.5 / sigma**2, 0.5 / sigma_turned**2
+
+
+@compiled
+def best_pair(
+    lines: Array, half: float, pose: Array, table: Index, i: int, sharp: tuple[float, float]
+) -> tuple[float, int]:
+    """The quality of a wall's best pair among its partners, and that wall of the plan, -1 for none."""
+    best, at, heading, x, y = 0.0, -1, pose[i, 0], pose[i, 1], pose[i, 2]
+    for p in range(table.shape[1]):
+        j = table[i, p]
+        if j < 0:
+            break
+        # A pair that cannot be better is left as soon as that shows: exp(-x) is at most 1 / (1 + x).
+        line = lines[j]
+        strange = sharp[0] * (line[2] * x + line[3] * y - line[4]) ** 2
+        if best * (1 + strange) >= 1:
+            continue
+        beside = _share_beside(line[2] * y - line[3] * x - line[5], half, line[0])
+        if beside == 0:
+            continue
+        strange += sharp[1] * wrapped(heading - line[1]) ** 2
+        if beside > best * (1 + strange):
+            quality = beside * np.exp(-strange)
+            if quality > best:
+                best, at = quality, j
+    return best, at
+
+
+@compiled
+def strained(
+    m: Loops, e: int, state: Array, turn: Array
+) -> tuple[float, tuple[float, float, float], tuple[float, float], tuple[float, float]]:
+    """How differently a field (G, 3) with known `turns` moves the neighbours of an edge, at the point between them.
+
+    Returns the squares in deviations, the differences (radians, metres, metres), and that point from either centre.
+    """
+    g, h, centre, slack = m.edges[e, 0], m.edges[e, 1], m.centre, m.slack
+    half_x, half_y = (centre[h, 0] - centre[g, 0]) / 2, (centre[h, 1] - centre[g, 1]) / 2
+    cos, sin = turn[g, 0], turn[g, 1]
+    x, y = cos * half_x - sin * half_y, sin * half_x + cos * half_y
+    cos, sin = -turn[h, 0], -turn[h, 1]
+    u, v = cos * half_x - sin * half_y, sin * half_x + cos * half_y
+    turned = wrapped(state[h, 0] - state[g, 0])
+    off_x, off_y = state[h, 1] - state[g, 1] + u - x, state[h, 2] - state[g, 2] + v - y
+    square = (turned / slack[e, 0]) ** 2 + (off_x / slack[e, 1]) ** 2 + (off_y / slack[e, 2]) ** 2
+    return square, (turned, off_x, off_y), (x, y), (u, v)

@@ -1,0 +1,81 @@
+"""`GeometricMatcher`: places a map by a field of motions, starting from the proposals of any source."""
+
+import time
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from data.scene_graph import SceneGraph
+from matching.arrays import PlanCache
+from matching.engine.assignment import assign, assign_rooms
+from matching.engine.calibration import shipped
+from matching.engine.field import Scene
+from matching.engine.hypotheses import Hypotheses, scene_of, search
+from matching.engine.plan_walls import PlanWalls
+from matching.engine.proposals import TopK
+from matching.engine.verdict import verify
+from matching.result import Hypothesis, MatchResult
+from matching.start import Start, near_start
+
+LISTED = 10  # hypotheses in the result, at most
+Proposer = Callable[[SceneGraph, SceneGraph, Scene], TopK]  # of a map, a plan and both as arrays: walls of `scene.plan`
+
+
+class GeometricMatcher:
+    """Implements `Matcher.match` for any source of proposed pairs; the map may deform from room to room."""
+
+    def __init__(self, proposer: Proposer) -> None:
+        self._propose = proposer
+        self._plan = PlanCache(PlanWalls.of)
+
+    def match(
+        self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
+    ) -> MatchResult:
+        """See `Matcher.match`."""
+        began = time.perf_counter()
+        plan = self._plan(a) if floor is None else PlanWalls.of(a, floor)
+        if not s.wall_surfaces or plan is None:
+            return MatchResult("none", f"the {'A' if s.wall_surfaces else 'S'}-graph has no wall surface")
+        scene = scene_of(s, plan)
+        allowed = None if start is None else partial(near_start, start)
+
+        found = search(scene, self._propose(s, a, scene), allowed)
+        if len(found):
+            return answer(found, began)
+        near = "" if start is None else " near the start that was given (its yaw is in radians)"
+        reason = f"no wall corner of the map matches one in the plan{near}"
+        return MatchResult("none", reason, seconds=time.perf_counter() - began)
+
+
+def among(proposals: TopK, plan: PlanWalls) -> TopK:
+    """Converts proposals for a plan's surfaces, in the order of the graph, to those for the walls of `PlanWalls`."""
+    partner = plan.row[proposals.partner]
+    return TopK(partner, np.where(partner >= 0, proposals.score, 0.0))
+
+
+def answer(found: Hypotheses, began: float) -> MatchResult:
+    """Returns the result of hypotheses, best first; at least one."""
+    s = found.scene.s
+    pairs = assign(found, 0)
+    verdict = verify(found, pairs)
+    hypotheses = []
+    for k in range(min(len(found), LISTED)):
+        storey = found.scene.plan.storeys[int(found.fields.storey[k])]
+        matches = pairs.rooms if k == 0 else assign_rooms(found, k)
+        rooms = tuple((s.rooms[r].id, storey.rooms[q].id) for r, q, _ in matches)
+        hypotheses.append(Hypothesis(float(found.score[k]), _triple(found, k), storey.floor, rooms))
+    a = found.scene.plan.storeys[int(found.fields.storey[0])]
+    sure, of = verdict.probability, shipped()
+    return MatchResult(
+        verdict.status, verdict.reason,
+        tuple((s.rooms[r].id, a.rooms[q].id, sure * of.confidence(c, of.room)) for r, q, c in pairs.rooms),
+        tuple((s.ids[i], a.ids[j], sure * of.confidence(c, of.surface)) for i, j, c in pairs.surfaces),
+        None if verdict.status == "none" else _triple(found, 0), a.floor, tuple(hypotheses),
+        time.perf_counter() - began,
+    )  # fmt: skip
+
+
+def _triple(found: Hypotheses, k: int) -> tuple[float, float, float]:
+    yaw, x, y = found.between_graphs[k].tolist()
+    return yaw, x, y

@@ -1,1 +1,0 @@
-"""The graph network that proposes matches, in PyTorch, and its input features."""
