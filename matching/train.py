@@ -35,7 +35,7 @@ def main(arguments: list[str] | None = None) -> int:
     from matching.proposals.network import Settings
     from matching.training.data import Drawing, held_out, seeds_of
     from matching.training.export import save_network
-    from matching.training.report import draw_curve, write_card, write_curve
+    from matching.training.report import write_card, write_curve
     from matching.training.stream import batches
     from matching.training.trainer import Limits, Row, Training, train
 
@@ -64,7 +64,6 @@ def main(arguments: list[str] | None = None) -> int:
         watched = held_out(Drawing(tuple(others), seeds_of("validation", GENERATED)), HELD_OUT_SEED)
         ended = train(training, stream, watched, limits, on_evaluation)
     print(ended)
-    draw_curve(out, training.curve)
     data = {"plans": len(own), "plans_held_out": len(others), "batches": training.step}
     write_card(out, {**_card(options, given, training), "ended": ended, "data": _data(options) | data})
     return 0
@@ -98,7 +97,7 @@ def _parser() -> Parser:
     parser = Parser(
         prog="python -m matching.train",
         description="Train the matching network on generated plans and on the given ones; resume if --out holds a "
-        "run. Write learned.onnx, learned.safetensors, curve.csv, curve.png and model_card.json.",
+        "run. Write learned.onnx, learned.safetensors, curve.csv and model_card.json.",
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the run")
     parser.add_argument("--plans", type=Path, nargs="*", default=[], metavar="PATH", help="plans: files or folders")

@@ -15,8 +15,8 @@ MOST_LOG_ODDS = 50.0
 class Calibration:
     """Models of probabilities; evidence is in nats.
 
-    `place` are the coefficients of the log odds that the map is in the plan: of the evidence of the best hypothesis, up
-    to `saturation`, of the share of the map, by length of walls, that it leaves unexplained, of the logarithm of the
+    `place` are the coefficients of the log odds that the map is in the plan: of log(1 + evidence / `unit`) of the best
+    hypothesis, of the share of the map, by length of walls, that it leaves unexplained, of the logarithm of the
     number of places in the plan, and a constant (J. Platt: Probabilistic outputs for support vector machines, 1999).
     `separation` (a, b): hypotheses are as likely as a softmax of their evidence over a + b times the number of
     unexplained walls says: at another place as much may differ from the plan. `room` and `surface` (offset, slope): the
@@ -24,7 +24,7 @@ class Calibration:
     """
 
     place: tuple[float, float, float, float]
-    saturation: float
+    unit: float
     separation: tuple[float, float]
     room: tuple[float, float]
     surface: tuple[float, float]
@@ -32,7 +32,7 @@ class Calibration:
     def in_plan(self, evidence: float, unexplained: float, places: float) -> float:
         """The probability that the map is in the plan; `places` is the logarithm of their number."""
         of, share, number, constant = self.place
-        return probability(of * min(evidence, self.saturation) + share * unexplained + number * places + constant)
+        return probability(of * grown(evidence, self.unit) + share * unexplained + number * places + constant)
 
     def best_of(self, evidence: Sequence[float], unexplained: float) -> float:
         """The probability that the first hypothesis is the right one, if one of them is."""
@@ -45,6 +45,11 @@ class Calibration:
         return probability(of[0] + of[1] * math.log(share / (1 - share)))
 
 
+def grown(evidence: float, unit: float) -> float:
+    """How evidence in nats counts: by its logarithm, since walls that agree are not independent."""
+    return math.log1p(max(evidence, 0.0) / unit)
+
+
 def probability(log_odds: float) -> float:
     """The probability of log odds."""
     return 1 / (1 + math.exp(-min(max(log_odds, -MOST_LOG_ODDS), MOST_LOG_ODDS)))
@@ -55,4 +60,4 @@ def shipped() -> Calibration:
     """The calibration that comes with the package."""
     stored = json.loads(SHIPPED.read_text(encoding="utf-8"))
     names = ("place", "separation", "room", "surface")
-    return Calibration(saturation=stored["saturation"], **{name: tuple(stored[name]) for name in names})
+    return Calibration(unit=stored["unit"], **{name: tuple(stored[name]) for name in names})

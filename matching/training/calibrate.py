@@ -23,7 +23,7 @@ from data.scene_graph import SceneGraph
 from data.synthetic_maps.noise_models import DrawnGraph, draw
 from matching.arrays import PlanCache
 from matching.engine.assignment import Pairs, assign
-from matching.engine.calibration import SHIPPED, Calibration
+from matching.engine.calibration import SHIPPED, Calibration, grown
 from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
 from matching.engine.verdict import Signs
@@ -36,7 +36,7 @@ SEEDS = 90  # of generated plans of each kind
 FOREIGN = 0.4  # share of maps of another plan of the same kind, which is alike in parts
 RIGHT = 0.8  # of a hypothesis' wall pairs, by number, that are true
 COMPARED = 100  # hypotheses of a map whose truth is looked up: a tower has many equal places
-SATURATION = 60.0  # nats: beyond, more of them does not make a place more certain
+UNIT = 10.0  # nats
 SEPARATION, START = (1.0, 0.1), (0.0, 0.0, 0.0, 0.0)  # where fits begin
 APART = 0.9  # probability of the best hypothesis among all: of such maps, those in the plan are fitted
 RIDGE = 1e-4  # of the standardised coefficients
@@ -122,13 +122,13 @@ def fit(answers: Sequence[Answer]) -> Calibration:
         return float(np.mean([_surprise(a, *np.exp(scale)) for a in found]))
 
     separation = np.exp(minimize(loss, np.log(SEPARATION), method="Nelder-Mead").x)
-    begun = Calibration(START, SATURATION, (float(separation[0]), float(separation[1])), START[:2], START[:2])
+    begun = Calibration(START, UNIT, (float(separation[0]), float(separation[1])), START[:2], START[:2])
     apart = [a for a in answers if begun.best_of(a.signs.evidence, a.signs.unexplained) > APART]
-    signs = [(min(a.signs.evidence[0], SATURATION), a.signs.share, a.signs.places) for a in apart]
+    signs = [(grown(a.signs.evidence[0], UNIT), a.signs.share, a.signs.places) for a in apart]
     place = _logistic(np.array(signs), np.array([a.right[0] for a in apart]))
     room, surface = (_of_shares([p for a in answers for p in getattr(a, of)]) for of in ("rooms", "surfaces"))
     rounded = [tuple(round(float(x), 4) for x in of) for of in (place, separation, room, surface)]
-    return Calibration(rounded[0], SATURATION, *rounded[1:])  # type: ignore[arg-type]
+    return Calibration(rounded[0], UNIT, *rounded[1:])  # type: ignore[arg-type]
 
 
 def _surprise(answer: Answer, a: float, b: float) -> float:

@@ -1,4 +1,4 @@
-"""The files of a training run: learning curve as CSV and picture, model card."""
+"""The files of a training run: learning curve, model card."""
 
 import csv
 import io
@@ -19,24 +19,6 @@ def write_curve(folder: Path, curve: list[Row]) -> None:
     table.writeheader()
     table.writerows({k: f"{v:.6g}" for k, v in row.items()} for row in curve)
     write_atomically(folder / "curve.csv", text.getvalue())
-
-
-def draw_curve(folder: Path, curve: list[Row]) -> None:
-    """Writes `curve.png`: the loss, and the accuracies of walls and rooms by step."""
-    from matplotlib.figure import Figure  # slow to import
-
-    figure = Figure(figsize=(10, 4), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    steps = [row["step"] for row in curve]
-    left.plot(steps, [row["loss"] for row in curve])
-    left.set(xlabel="step", ylabel="loss in training")
-    for name in ("walls", "rooms", "none", "first"):
-        right.plot(steps, [row[name] for row in curve], label=name)
-    right.set(xlabel="step", ylabel="share that is right, held-out buildings", ylim=(0, 1))
-    right.legend()
-    raw = io.BytesIO()
-    figure.savefig(raw, format="png", dpi=110)
-    write_atomically(folder / "curve.png", raw.getvalue())
 
 
 def write_card(folder: Path, card: dict[str, Any]) -> None:
