@@ -29,7 +29,6 @@ from matching.engine.hypotheses import LAST_SIGMAS, polished, scene_of
 from matching.engine.plan_walls import PlanWalls
 
 SURE = float(np.log(199))  # nats
-EQUAL = 1.0  # nats to be expected: in fewer than one map of a thousand of such a place it comes to SURE
 NOISE = Noise(np.array([SIGMA_ACROSS]), np.array([(SIGMA_END, 1 - MISSING, MISSING / 2, MISSING / 2)]))
 
 
