@@ -2,8 +2,8 @@
 
 A page has blocks `<!-- rows: STUDY/NAME -->...<!-- /rows -->`. What is between the marks is written here: a table with
 its source, or a short text within a sentence. An empty block stays so until its study has rows. `STUDY/commands` are
-the commands of all rows. `STUDY/NAME@ROW,COLUMN` is a cell of a table, counted from 0; `claims/claims` are the claims
-of all studies.
+the commands of all rows, and the machine. `STUDY/NAME@ROW,COLUMN` is a cell of a table, counted from 0;
+`claims/claims` are the claims of all studies.
 """
 
 import re
@@ -63,8 +63,9 @@ class Renderer:
         if study == CLAIMS:
             return f"\n{markdown(self.claims())}\n"
         if name == COMMANDS:
-            commands = dict.fromkeys(self.rows_of(study)["made.command"])
-            return "\n" + "".join(f"- `{command}`\n" for command in commands)
+            rows = self.rows_of(study)
+            commands = "".join(f"- `{command}`\n" for command in dict.fromkeys(rows["made.command"]))
+            return f"\n{commands}\nOn {'; '.join(dict.fromkeys(rows['made.machine']))}.\n"
         content = self._content(study, name)
         return content if isinstance(content, str) else f"\n{markdown(content)}\n\n{self._source(study)}\n"
 
@@ -101,8 +102,7 @@ class Renderer:
         commits = ", ".join(f"`{commit}`" for commit in dict.fromkeys(rows["made.commit"]))
         failed = sum(row.failed for row in self._rows(study))
         counted = f"{len(rows)} rows" + (f", {failed} more failed" if failed else "")
-        last_day, machines = max(rows["made.date"]).partition(" ")[0], "; ".join(dict.fromkeys(rows["made.machine"]))
-        return f"Commit {commits}, {counted}, {last_day}, {machines}"
+        return f"Commit {commits}, {counted}, {max(rows['made.date']).partition(' ')[0]}"
 
 
 def pages() -> list[Path]:

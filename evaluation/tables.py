@@ -30,7 +30,7 @@ def frame(rows: Sequence[Row]) -> pd.DataFrame:
 @dataclass(frozen=True)
 class Query:
     """A table: the rows that `where` keeps (None: all), a line for each group with the same values of `by` (column to
-    title), and the columns by their titles."""
+    title; one with the same value in all lines is left out, but for the last), and the columns by their titles."""
 
     by: Mapping[str, str]
     columns: Mapping[str, Column]
@@ -43,7 +43,9 @@ class Query:
         for key, own in kept.groupby(list(self.by), sort=False, dropna=False):
             names = dict(zip(self.by.values(), (_text(value) for value in key), strict=True))
             lines.append({**names, **{title: column(own) for title, column in self.columns.items()}})
-        return pd.DataFrame(lines)
+        made = pd.DataFrame(lines)
+        same = [title for title in list(self.by.values())[:-1] if len(made) > 1 and made[title].nunique() == 1]
+        return made.drop(columns=same)
 
 
 def made(queries: Mapping[str, Query], rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
@@ -63,7 +65,7 @@ def spread_of(values: "pd.Series[Any]", form: str = ".0f") -> str:
     known = values.dropna().astype(float)
     ends = (known.median(), known.min(), known.max()) if len(known) else ()
     texts = ["lost" if np.isinf(value) else f"{value:{form}}" for value in ends]
-    return f"{texts[0]} ({texts[1]} to {texts[2]})" if len(known) > 1 else "".join(texts[:1])
+    return f"{texts[0]} ({texts[1]}–{texts[2]})" if len(known) > 1 else "".join(texts[:1])
 
 
 def mean(name: str, form: str = ".3f", factor: float = 1.0) -> Column:
@@ -97,7 +99,7 @@ def total(part: str, whole: str) -> Column:
 
 def share(part: str, whole: str) -> Column:
     """A column: the sum of one field over that of another, in percent."""
-    return lambda own: f"{100 * _column(own, part).sum() / max(_column(own, whole).sum(), 1):.1f} %"
+    return lambda own: f"{100 * _column(own, part).sum() / max(_column(own, whole).sum(), 1):.1f}"
 
 
 def of(part: float, whole: float) -> str:
@@ -131,7 +133,7 @@ def _bounded(
     units = by.all() if always else by.any()
     hit, whole = int(units.sum()), len(units)
     limit = f" ({sign} {100 * bound(hit, whole):.0f} %)" if whole >= LEAST_UNITS else ""
-    return f"{int(event.sum())} of {len(event)} {what}; {hit} of {whole} buildings{limit}"
+    return f"{int(event.sum())}/{len(event)} {what}".rstrip() + f", {hit}/{whole} buildings{limit}"
 
 
 def units(rows: pd.DataFrame) -> str:
@@ -159,17 +161,15 @@ def _text(value: Any) -> str:
 
 
 ANCHORED = {
-    "runs": count(),
     "anchored": count(lambda rows: truth(rows, "anchored")),
-    "coverage": share("anchored_scans", "scans"),
+    "coverage (%)": share("anchored_scans", "scans"),
     "RMSE (m)": spread("rmse_m", ".3f"),
 }
-"""How many runs are anchored, the share of all scans that are, and the error of these in building coordinates."""
+"""How many runs of all are anchored, the share of scans that are, and the error of these in building coordinates."""
 ERRORS = {
     "plan view (m)": spread("plan_view_m", ".3f"),
     "height (m)": spread("height_m", ".3f"),
     "yaw (deg)": spread("yaw_deg", ".2f"),
-    "worst (m)": spread("worst_m", ".2f"),
 }
 WRONG = {
     "wrong": count(lambda rows: rows.wrong > 0),
@@ -177,6 +177,8 @@ WRONG = {
     "wrong and no alarm": count(lambda rows: truth(rows, "silent")),
 }
 """Runs with an anchored scan that is off by more than 0.5 m or 5 degrees."""
+EVER_WRONG: dict[str, Column] = {"ever wrong": count(lambda rows: (rows.wrong > 0) | (rows.wrong_live > 0))}
+"""The same, in the end or while it ran."""
 
 
 def truth(rows: pd.DataFrame, name: str) -> "pd.Series[bool]":
@@ -185,17 +187,17 @@ def truth(rows: pd.DataFrame, name: str) -> "pd.Series[bool]":
 
 
 def inside(part: str) -> Column:
-    """A column: the share of all anchored poses whose error lies inside its 95 % region."""
+    """A column: the share of all anchored poses whose error lies inside its 95 % region, in percent."""
 
     def cell(rows: pd.DataFrame) -> str:
         known = rows.reindex(columns=["inside.poses", f"inside.{part}"]).dropna().astype(float)
         poses = known["inside.poses"].sum()
-        return f"{100 * (known['inside.poses'] * known[f'inside.{part}']).sum() / poses:.1f} %" if poses else ""
+        return f"{100 * (known['inside.poses'] * known[f'inside.{part}']).sum() / poses:.1f}" if poses else ""
 
     return cell
 
 
-INSIDE = {f"{part.replace('_', ' ')} in its 95 % region": inside(part) for part in PARTS}
+INSIDE = {f"{part.replace('_', ' ')} in its 95 % region (%)": inside(part) for part in PARTS}
 
 
 def in_words(rows: pd.DataFrame) -> pd.DataFrame:

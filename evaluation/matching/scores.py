@@ -76,7 +76,7 @@ def matches_of(rows: pd.DataFrame) -> pd.DataFrame:
 def wrong(rows: pd.DataFrame) -> str:
     """How many of the unique answers are wrong."""
     sure = rows[rows.answer == "unique"]
-    return rare(sure.wrong.astype(bool), sure.building, "answers")
+    return rare(sure.wrong.astype(bool), sure.building, "")
 
 
 def placed(rows: pd.DataFrame) -> str:
@@ -85,7 +85,7 @@ def placed(rows: pd.DataFrame) -> str:
 
 
 def _share(*answers: str) -> Column:
-    return lambda rows: f"{100 * rows.answer.isin(answers).mean():.0f} %"
+    return lambda rows: f"{100 * rows.answer.isin(answers).mean():.0f}"
 
 
 def _mean(name: str) -> Column:
@@ -102,20 +102,18 @@ def _calibration(rows: pd.DataFrame) -> str:
 FOUND: dict[str, Column] = {
     "maps": count(),
     "wall F1": mean("wall.f1"),
-    "room F1": _mean("room.f1"),
-    "unique": _share("unique"),
+    "unique (%)": _share("unique"),
     "wrong of unique": wrong,
     "median (s)": lambda rows: f"{rows.seconds.median():.3f}",
 }
 MEASURES: dict[str, Column] = {
     **{f"{kind} {of}": _mean(f"{kind}.{of}") for kind in ("wall", "room") for of in ("precision", "recall")},
     "wall ECE": _calibration,
-    LATE: count(lambda rows: rows.answer == LATE),
-    RAISED: count(lambda rows: rows.answer == RAISED),
+    "late or raised": count(lambda rows: rows.answer.isin((LATE, RAISED))),
 }
 NODES: dict[str, Column] = {
     "maps": count(),
     **{of.capitalize(): _mean(f"node.{of}") for of in ("precision", "recall", "f1")},
     "mean (s)": lambda rows: f"{rows.seconds.mean():.3f}",
-    "completed": _share("unique", "ambiguous", "none"),
+    "completed (%)": _share("unique", "ambiguous", "none"),
 }

@@ -75,24 +75,16 @@ CELL: dict[str, Column] = {
 }
 LEVEL, PLAIN = "0, 0, 0", "none"
 QUERIES = {
-    "carriers": Query(
-        {"carrier": "carrier", "sensor": "sensor"},
-        CELL,
-        lambda rows: rows.effects.eq(PLAIN) & rows["mount"].eq(LEVEL) & rows.times,
-    ),
-    "effects": Query({"effects": "effects on a hand"}, CELL, lambda rows: rows.effects.ne(PLAIN)),
-    "mounts": Query({"mount": "roll, pitch, yaw (deg)"}, CELL, lambda rows: rows["mount"].ne(LEVEL)),
-    "untimed": Query({"carrier": "carrier, points without times"}, CELL, lambda rows: ~rows.times.astype(bool)),
+    "carriers": Query({"carrier": "carrier", "sensor": "sensor"}, CELL, lambda rows: rows.condition.eq(PLAIN)),
+    "conditions": Query({"carrier": "carrier", "condition": "condition"}, CELL, lambda rows: rows.condition.ne(PLAIN)),
     "methods": Query(
         {"variant": "method"},
         {
             "drives": count(),
             "ATE (m)": lambda rows: spread_of(rows.ate, ".3f"),
             "over a second (m)": spread("second_m", ".3f"),
-            "95 % (m)": spread("second_95_m", ".3f"),
             "over a second (deg)": spread("second_deg", ".2f"),
             "worst step (m)": spread("worst_step_m", ".2f"),
-            "poses missing": total("missing", "scans"),
             "scans a second of CPU": spread("scans_per_s"),
         },
     ),
@@ -100,9 +92,9 @@ QUERIES = {
         {"carrier": "carrier"},
         {
             "drives": count(),
-            "good": share("good_scans", "scans"),
-            "lost": share("lost", "scans"),
-            "in its 95 % region, over a second": share("inside_motions", "reliability.motions"),
+            "good (%)": share("good_scans", "scans"),
+            "lost (%)": share("lost", "scans"),
+            "in its 95 % region, over a second (%)": share("inside_motions", "reliability.motions"),
             "called good, and wrong": total("reliability.wrongly_good", "scans"),
             "up (deg)": spread("reliability.up_deg", ".2f"),
             "drives with a false kidnapping": count(lambda rows: rows.kidnaps > 0),
@@ -113,15 +105,20 @@ QUERIES = {
 
 
 def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
-    """By carrier and sensor, by effect, by mount, without the points' times; all errors by method; and whether what our
+    """By carrier and sensor; by effects, mount or points without times; all errors by method; and whether what our
     tracker says of its poses is true."""
     return made(QUERIES, _prepared(rows))
 
 
 def _prepared(rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows with the ATE as `ate`, infinite for a tracker that is lost, and counts for the shares."""
+    """The rows with the ATE as `ate`, infinite for a tracker that is lost, with counts for the shares, and with what
+    makes the drive harder as `condition`."""
     known = rows.reindex(columns=[*rows, *(set(RELIABILITY) - set(rows))])
+    condition = known.effects.where(known.effects.ne(PLAIN), "")
+    condition = condition.where(known["mount"].eq(LEVEL), "mount at " + known["mount"] + " deg")
+    condition = condition.where(known.times.astype(bool), "points without times")
     return known.assign(
+        condition=condition.replace("", PLAIN),
         ate=known.odometry_ate_m.astype(float).fillna(np.inf),
         good_scans=known["reliability.good"].astype(float) * known.scans,
         inside_motions=known["reliability.inside_95"].astype(float) * known["reliability.motions"].astype(float),

@@ -94,7 +94,7 @@ RUNS = {
 }
 ELEMENTS = {
     "walls": Query(
-        {"changes": "changes", "carrier": "carrier"},
+        {"carrier": "carrier", "changes": "changes"},
         WALLS,
         lambda rows: rows.element.eq("wall") & rows.verdict.ne("not seen") & rows.built.ne("absent"),
     ),

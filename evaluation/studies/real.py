@@ -151,7 +151,7 @@ def _within(metres: float, degrees: float) -> Column:
 PLACED: dict[str, Column] = {
     "anchored": lambda rows: of(rows.anchored.sum(), rows.runs[rows.true > 0].sum()),
     **{f"ends within {m:g} m, {deg:g} deg": _within(m, deg) for m, deg in LIMITS},
-    "coverage": share("placed", "true"),
+    "coverage (%)": share("placed", "true"),
     "RMSE (m)": spread("rmse_m", ".3f"),
     "plan view (m)": spread("plan_view_m", ".3f"),
     "height (m)": spread("height_m", ".3f"),

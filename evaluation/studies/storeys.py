@@ -12,7 +12,7 @@ from evaluation.buildings import plan_graph
 from evaluation.drive import DriveCase, drive_of
 from evaluation.run import described, outcome_of, study_of_runs
 from evaluation.study import Claim, Options, Record
-from evaluation.tables import ANCHORED, ERRORS, WRONG, Query, count, made, rare, spread, truth, units
+from evaluation.tables import ANCHORED, ERRORS, EVER_WRONG, Query, count, made, rare, spread, truth, units
 
 ON_STAIRS_M = 0.15  # height of the ground above or below the nearest storey
 INSTITUTE = ("Keller", "Erdgeschoss", "1. Obergeschoss", "2. Obergeschoss", "Dachgeschoss")
@@ -78,10 +78,10 @@ QUERIES = {
             **ANCHORED,
             "height (m)": ERRORS["height (m)"],
             "on stairs (m)": spread("stair_rmse_m", ".3f"),
-            "worst (m)": ERRORS["worst (m)"],
+            "worst (m)": spread("worst_m", ".2f"),
             "floors": spread("floors"),
             "wrong storey": count(lambda rows: truth(rows, "wrong_storey")),
-            "wrong": WRONG["wrong"],
+            **EVER_WRONG,
         },
         lambda rows: rows.climbs,
     ),
@@ -93,7 +93,7 @@ QUERIES = {
             "metres until anchored": spread("first_anchor_m"),
             "ambiguous": count(lambda rows: rows.match_status.eq("ambiguous") & ~truth(rows, "anchored")),
             "wrong storey": count(lambda rows: truth(rows, "wrong_storey")),
-            **WRONG,
+            **EVER_WRONG,
         },
         lambda rows: ~rows.climbs,
     ),

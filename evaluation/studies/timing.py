@@ -140,11 +140,11 @@ DRIVE |= {"from a run (m)": spread("from_run_m", ".4f")}
 
 
 def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
-    """A line for each program, for each drive that was fed, and for each part of it."""
+    """A line for each program, for each drive that was fed, and for every third part of it."""
     made = {"drives": Query(BY, DRIVE, lambda rows: rows.what != "programs").table(rows)}
     for name, query in {
         "programs": Query({"program": "program"}, PROGRAM),
-        "parts": Query({**BY, "scan": "up to scan"}, PART),
+        "parts": Query({**BY, "scan": "up to scan"}, PART, lambda parts: parts.groupby([*BY]).cumcount() % 3 == 0),
     }.items():
         own = rows[(rows.what == "programs") == (name == "programs")].to_dict("records")
         made |= {name: query.table(pd.json_normalize(own, name, [*BY]))} if own else {}

@@ -146,9 +146,9 @@ def test_the_command_runs_a_study_of_ones_own(tmp_path: Path) -> None:
 def test_units_of_bounds_are_buildings() -> None:
     event = pd.Series([True, False, True, False] * 25)
     few, several = pd.Series(["a", "b", "c", "d"] * 25), pd.Series([f"b{k % 10}" for k in range(100)])
-    assert rare(event, few) == "50 of 100 runs; 2 of 4 buildings"  # however many rows: four buildings bound nothing
-    assert rare(event, several) == "50 of 100 runs; 5 of 10 buildings (≤ 81 %)"  # Clopper and Pearson, 97.5 %
-    assert often(~event, few) == "50 of 100 runs; 2 of 4 buildings"
+    assert rare(event, few) == "50/100 runs, 2/4 buildings"  # however many rows: four buildings bound nothing
+    assert rare(event, several) == "50/100 runs, 5/10 buildings (≤ 81 %)"  # Clopper and Pearson, 97.5 %
+    assert often(~event, few) == "50/100 runs, 2/4 buildings"
     assert rare(event[:0], few[:0]) == ""
     spread_over = over_buildings(pd.Series(np.arange(100.0)), several)
     assert spread_over is not None and spread_over.low < 49.5 < spread_over.high
@@ -164,5 +164,7 @@ def test_a_query_groups_filters_and_leaves_out_what_is_unknown() -> None:
         "error": lambda own: spread_of(own.error),
     }
     table = Query({"kind": "what"}, columns, lambda own: own.kind.eq("a") | own.error.isna()).table(rows)
-    assert table.to_numpy().tolist() == [["a", "2", "2/2", "2 (1 to 3)"], ["b", "1", "0/1", ""]]
-    assert spread_of(pd.Series([np.inf, 1.0, np.inf])) == "lost (1 to lost)"
+    assert table.to_numpy().tolist() == [["a", "2", "2/2", "2 (1–3)"], ["b", "1", "0/1", ""]]
+    same = Query({"place": "where", "kind": "what"}, columns).table(rows.assign(place="here"))
+    assert same.columns.tolist() == ["what", *columns]  # "where" is the same in all lines
+    assert spread_of(pd.Series([np.inf, 1.0, np.inf])) == "lost (1–lost)"

@@ -98,9 +98,9 @@ def test_runs_that_are_not_anchored_are_no_success() -> None:
     rows = pd.DataFrame([*whole, row(15.0, 4, (0.1, 1.1), (3.1, 0.1), (0.1, 5.1))])
     line, pieces = STUDY.tables(rows)["datasets"].iloc[0], STUDY.tables(rows)["pieces"].iloc[0]
     within = ["anchored", "ends within 3 m, 5 deg", "ends within 0.3 m, 1 deg"]
-    assert line[within].tolist() == ["3/4", "3/4", "1/4"] and line["coverage"] == "90.0 %"
+    assert line[within].tolist() == ["3/4", "3/4", "1/4"] and line["coverage (%)"] == "90.0"
     assert pieces[within].tolist() == ["3/4", "1/4", "0/4"]
-    assert [claim.value for claim in claims(rows)] == ["3/4", "1/4", "0.100 (0.100 to 0.100)"]
+    assert [claim.value for claim in claims(rows)] == ["3/4", "1/4", "0.100 (0.100–0.100)"]
 
 
 def test_mistakes_are_one_line(own: Path, tmp_path: Path) -> None:

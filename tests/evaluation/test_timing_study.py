@@ -47,8 +47,8 @@ def test_tables_have_all_that_was_timed() -> None:
     long = {**fed, "what": "long", "rmse_m": None, "parts": [{**parts[0], "map_mb": 0.0}]}
     programs = {"what": "programs", "building": "demo", "scans": 100, "programs": turn(20.0) + turn(40.0)}
     made = tables(pd.DataFrame([programs, live, long]))
-    assert made["programs"].iloc[0].tolist() == [RUN, "2", "4 (2 to 5)", "15.0 (10.0 to 20.0)"]
+    assert made["programs"].iloc[0].tolist() == [RUN, "2", "4 (2–5)", "15.0 (10.0–20.0)"]
     assert made["drives"]["99 % (ms)"].tolist() == ["30", "30"] and made["drives"]["RMSE (m)"].tolist() == ["0.010", ""]
     assert made["parts"]["memory (MB)"].tolist() == ["400", "400"]
-    assert [claim.value for claim in claims(pd.DataFrame([programs, live]))] == ["15.0 (10.0 to 20.0)", "30"]
+    assert [claim.value for claim in claims(pd.DataFrame([programs, live]))] == ["15.0 (10.0–20.0)", "30"]
     assert "programs" not in tables(pd.DataFrame([live]))
