@@ -91,20 +91,20 @@ class Matcher:
 
 
 def _voting() -> Method:
-    from matching.engine import GeometricMatcher, voting_proposals  # compiled loops are slow to import
+    from matching.engine import GeometricMatcher  # compiled loops are slow to import
 
-    return GeometricMatcher(voting_proposals)
+    return GeometricMatcher()
 
 
 def _learned(weights: Path | str | None) -> Method:
     """The network alone may mistake one of several equal rooms for another, and the corners see them all."""
-    from matching.engine import GeometricMatcher, Scene, TopK, among, together, voting_proposals
+    from matching.engine import GeometricMatcher, Scene, TopK, among
     from matching.proposals.learned import LearnedProposer
 
     network = LearnedProposer.load(weights)
 
     def proposed(s: SceneGraph, a: SceneGraph, scene: Scene) -> TopK:
-        return together(among(network.propose(s, a, scene.s), scene.plan), voting_proposals(s, a, scene))
+        return among(network.propose(s, a, scene.s), scene.plan)
 
     return GeometricMatcher(proposed)
 

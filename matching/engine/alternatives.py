@@ -14,7 +14,7 @@ from matching.engine.evidence import SEEN
 from matching.engine.field import Fields, Scene, judge
 from matching.engine.field_loops import SIGMA_SCORE
 from matching.engine.plan_walls import PlanWalls
-from matching.engine.votes import aligned, vote
+from matching.engine.votes import aligned, candidates, corner_votes
 
 PLACES, MOST_PLACES = 12, 192  # of each yaw mode; more if all of those fit
 SIGMA = 0.4  # metres across: places that are alike, not equal
@@ -59,7 +59,7 @@ def _similar_places(
 
     Returns (K,) the shares of the walls' weight that fit and (K, 3) the motions; their own place is left out.
     """
-    motions, a = vote(own, plan.corners[storey], places), plan.storeys[home]
+    motions, a = candidates(corner_votes(own, plan.corners[storey]), places), plan.storeys[home]
     worth = aligned(a[used[:: -(-len(used) // MOST_ASKED)]], plan, storey, motions, SIGMA, LEAST)
     if np.sum(worth > EQUALLY) >= places < MOST_PLACES:  # there may be more
         return _similar_places(plan, home, used, own, storey, 4 * places)

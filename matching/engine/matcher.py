@@ -23,9 +23,10 @@ Proposer = Callable[[SceneGraph, SceneGraph, Scene], TopK]  # of a map, a plan a
 
 
 class GeometricMatcher:
-    """Implements `Matcher.match` for any source of proposed pairs; the map may deform from room to room."""
+    """Implements `Matcher.match`, by the map's corners and by proposed pairs of any source, or without; the map may
+    deform from room to room."""
 
-    def __init__(self, proposer: Proposer) -> None:
+    def __init__(self, proposer: Proposer | None = None) -> None:
         self._propose = proposer
         self._plan = PlanCache(PlanWalls.of)
 
@@ -40,7 +41,7 @@ class GeometricMatcher:
         scene = scene_of(s, plan)
         allowed = None if start is None else partial(near_start, start)
 
-        found = search(scene, self._propose(s, a, scene), allowed)
+        found = search(scene, self._propose and self._propose(s, a, scene), allowed)
         if len(found):
             return answer(found, began)
         near = "" if start is None else " near the start that was given (its yaw is in radians)"

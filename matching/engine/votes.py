@@ -1,8 +1,11 @@
-"""Wall corners vote for the motions that align walls with those of a storey (generalised Hough transform).
+"""Votes for the motions that align walls with those of a storey (generalised Hough transform).
 
-A pair of similar corners determines a proper SE(2) motion. Votes are gathered in yaw first, then in the plane, after
+A pair of similar corners, or of proposed matches of walls that cross, determines a proper SE(2) motion. Votes are
+gathered in yaw first, then in the plane, after
 D. H. Ballard, "Generalizing the Hough transform to detect arbitrary shapes", Pattern Recognition 13 (1981).
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,17 +21,33 @@ OPENING = float(np.radians(12))  # like corners differ by less
 YAW_BIN = float(np.radians(2))
 YAW_MODES = 16
 PLACE_BIN = 0.3  # metres
-DIGIT_BITS, DIGIT = 9, 512
 
 
-def vote(s: Marks, a: Marks, most: int) -> Array:
-    """Returns (K, 3) candidate motions (yaw, x, y) from S to A, at most `most` for each yaw mode; none if nothing is
-    similar.
-    """
+class Votes(NamedTuple):
+    """V votes: a point of the map (V, 2) that should come to lie on one of the plan (V, 2), the yaw (V,) of the motion,
+    and the vote's weight (V,)."""
+
+    point: Array
+    a_point: Array
+    yaw: Array
+    weight: Array
+
+    def with_those(self, other: "Votes") -> "Votes":
+        """These votes and others."""
+        return Votes(*(np.concatenate(each) for each in zip(self, other, strict=True)))
+
+
+def corner_votes(s: Marks, a: Marks) -> Votes:
+    """The votes of all pairs of similar corners, with weight 1."""
     i, j, yaw = _alike(s.kind, s.opening, s.heading, a.kind, a.opening, a.heading)
-    if not len(i):
+    return Votes(s.point[i], a.point[j], yaw, np.ones(len(i)))
+
+
+def candidates(votes: Votes, most: int) -> Array:
+    """Returns (K, 3) the motions (yaw, x, y) with most votes, at most `most` for each yaw mode."""
+    if not len(votes.yaw):
         return np.zeros((0, 3))
-    return np.concatenate([_motions(mode, yaw, i, j, s.point, a.point, most) for mode in _yaw_modes(yaw)])
+    return np.concatenate([_motions(mode, *votes, most) for mode in _yaw_modes(votes.yaw, votes.weight)])
 
 
 def aligned(walls: Walls, plan: PlanWalls, storey: int, motions: Array, sigma: float, least: float = 0.0) -> Array:
@@ -100,24 +119,24 @@ def _alike(
 
 
 @compiled
-def _yaw_modes(yaw: Array) -> Array:
+def _yaw_modes(yaw: Array, weight: Array) -> Array:
     """(M,) modes of the yaws, each the mean of those nearby."""
     bins = round(2 * np.pi / YAW_BIN)
     count, smooth = np.zeros(bins), np.zeros(bins)
-    for turn in yaw:
-        count[int(np.floor((turn + np.pi) / YAW_BIN)) % bins] += 1
+    for v in range(len(yaw)):
+        count[int(np.floor((yaw[v] + np.pi) / YAW_BIN)) % bins] += weight[v]
     for n in range(bins):
         for k in range(-2, 3):
             smooth[n] += (3 - abs(k)) * count[(n + k) % bins]
     angle = -np.pi + (np.arange(bins) + 0.5) * YAW_BIN
     least, modes, found = 0.1 * smooth.max(), np.empty(YAW_MODES), 0
     while found < YAW_MODES and smooth.max() >= least:
-        peak, total, near = angle[smooth.argmax()], 0.0, 0
-        for turn in yaw:
-            off = wrapped(turn - peak)
+        peak, total, near = angle[smooth.argmax()], 0.0, 0.0
+        for v in range(len(yaw)):
+            off = wrapped(yaw[v] - peak)
             if abs(off) < 2.5 * YAW_BIN:
-                total += off
-                near += 1
+                total += weight[v] * off
+                near += weight[v]
         modes[found] = peak + total / near
         for n in range(bins):
             if angle[n] == peak or abs(wrapped(angle[n] - modes[found])) <= 4 * YAW_BIN:
@@ -127,14 +146,15 @@ def _yaw_modes(yaw: Array) -> Array:
 
 
 @compiled
-def _motions(mode: float, yaw: Array, i: Index, j: Index, point: Array, a_point: Array, most: int) -> Array:
-    """(K, 3) motions with the mode's yaw to the places that pairs of marks with a similar yaw vote for."""
-    votes, count, cos, sin = np.empty((len(yaw), 2)), 0, np.cos(mode), np.sin(mode)
+def _motions(mode: float, point: Array, a_point: Array, yaw: Array, weight: Array, most: int) -> Array:
+    """(K, 3) motions with the mode's yaw to the places that votes with a similar yaw are for."""
+    votes, count, cos, sin = np.empty((len(yaw), 3)), 0, np.cos(mode), np.sin(mode)
     for n in range(len(yaw)):
         if abs(wrapped(yaw[n] - mode)) < 3 * YAW_BIN:
-            x, y = point[i[n], 0], point[i[n], 1]
-            votes[count, 0] = a_point[j[n], 0] - (cos * x - sin * y)
-            votes[count, 1] = a_point[j[n], 1] - (sin * x + cos * y)
+            x, y = point[n, 0], point[n, 1]
+            votes[count, 0] = weight[n]
+            votes[count, 1] = a_point[n, 0] - (cos * x - sin * y)
+            votes[count, 2] = a_point[n, 1] - (sin * x + cos * y)
             count += 1
     places = _places(votes[:count], most)
     motions = np.empty((len(places), 3))
@@ -144,43 +164,22 @@ def _motions(mode: float, yaw: Array, i: Index, j: Index, point: Array, a_point:
 
 @compiled_within
 def _places(votes: Array, most: int) -> Array:
-    """(K, 2) peaks of votes (V, 2), most first: means over 3 x 3 bins around local maxima.
+    """(K, 2) peaks of votes (V, 3) of weight, x and y, heaviest first: means over 3 x 3 bins around local maxima.
 
     The bins are sparse, since plans may be kilometres apart.
     """
-    cell = np.floor(votes / PLACE_BIN).astype(np.int64)
+    cell = np.floor(votes[:, 1:] / PLACE_BIN).astype(np.int64)
     low_x, low_y, stride = cell[:, 0].min() - 1, cell[:, 1].min() - 1, cell[:, 1].max() - cell[:, 1].min() + 3
     key = (cell[:, 0] - low_x) * stride + cell[:, 1] - low_y
-    total, peak = _around(votes, key, ascending(key), stride)
-    best = most_of(total[:, 0], peak, most)
-    places = np.empty((len(best), 2))
-    for n in range(len(best)):
-        for d in range(2):
-            places[n, d] = total[best[n], 1 + d] / total[best[n], 0]
-    return places
-
-
-@compiled
-def ascending(key: Index) -> Index:
-    """(V,) the order of non-negative numbers (radix sort)."""
-    order, other, shift = np.arange(len(key)), np.empty(len(key), dtype=np.int64), 0
-    while key.max() >> shift:
-        begins = np.zeros(DIGIT + 1, dtype=np.int64)
-        for k in key:
-            begins[((k >> shift) % DIGIT) + 1] += 1
-        begins = np.cumsum(begins)
-        for n in order:
-            digit = (key[n] >> shift) % DIGIT
-            other[begins[digit]] = n
-            begins[digit] += 1
-        order, other, shift = other, order, shift + DIGIT_BITS
-    return order
+    total, peak = _around(votes, key, np.argsort(key, kind="mergesort"), stride)
+    best = peak[np.argsort(-total[peak, 0], kind="mergesort")][:most]
+    return total[best, 1:] / total[best, :1]
 
 
 @compiled_within
 def _around(votes: Array, key: Index, order: Index, stride: int) -> tuple[Array, Index]:
-    """(bins, 3) number and sum of the votes in the 3 x 3 bins around each non-empty bin, and which bins are local
-    maxima.
+    """(bins, 3) weight and weighted sum of the votes in the 3 x 3 bins around each non-empty bin, and which bins are
+    local maxima.
 
     `key` (V,) are the votes' bins, `order` sorts them.
     """
@@ -192,9 +191,9 @@ def _around(votes: Array, key: Index, order: Index, stride: int) -> tuple[Array,
         bin_of[n] = bins - 1
     own = np.zeros((bins, 3))
     for n in range(len(key)):
-        own[bin_of[n], 0] += 1
-        own[bin_of[n], 1] += votes[n, 0]
-        own[bin_of[n], 2] += votes[n, 1]
+        own[bin_of[n], 0] += votes[n, 0]
+        own[bin_of[n], 1] += votes[n, 0] * votes[n, 1]
+        own[bin_of[n], 2] += votes[n, 0] * votes[n, 2]
     total, ahead = own.copy(), np.full((bins, 4), -1)  # of the bins around each, those that come later
     shifts, at, peak = (1, stride - 1, stride, stride + 1), np.zeros(4, dtype=np.int64), np.ones(bins, dtype=np.bool_)
     for n in range(bins):
@@ -213,18 +212,3 @@ def _around(votes: Array, key: Index, order: Index, stride: int) -> tuple[Array,
             if m >= 0 and total[m, 0] != total[n, 0]:
                 peak[n if total[m, 0] > total[n, 0] else m] = False
     return total, np.flatnonzero(peak)
-
-
-@compiled
-def most_of(total: Array, peak: Index, most: int) -> Index:
-    """The peaks with most votes; the first of ties stays first."""
-    best, count = np.empty(min(most, len(peak)), dtype=np.int64), 0
-    for n in peak:
-        if count < len(best) or total[n] > total[best[count - 1]]:
-            count = min(count + 1, len(best))
-            at = count - 1
-            while at > 0 and total[n] > total[best[at - 1]]:
-                best[at] = best[at - 1]
-                at -= 1
-            best[at] = n
-    return best

@@ -27,7 +27,6 @@ from matching.engine.calibration import SHIPPED, Calibration, grown
 from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
 from matching.engine.verdict import Signs
-from matching.engine.voting_proposals import voting_proposals
 
 KINDS = ("apartment", "office", "corridor", "l_shape", "skewed", "mirrored_twins", "tower")
 NOISE = ("real", "drift", "mis_segmented", "heavy_drift")
@@ -83,7 +82,7 @@ def answers_on(count: int, seed: int) -> Iterator[Answer]:
         walls = arrays_of(plan)
         assert walls is not None
         scene = scene_of(drawn.s_graph, walls)
-        found = search(scene, voting_proposals(drawn.s_graph, plan, scene))
+        found = search(scene)
         if len(found):
             done += 1
             yield _answer(found, replace(drawn, rooms={}, wall_surfaces={}) if foreign else drawn)

@@ -16,7 +16,6 @@ from matching.engine.calibration import shipped
 from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
 from matching.engine.verdict import Verdict, verify
-from matching.engine.voting_proposals import voting_proposals
 
 WALLS = len(SMALL.wall_surfaces)
 
@@ -37,7 +36,7 @@ def found() -> Hypotheses:
     s, walls = moved(as_map(SMALL), 1.0, 2.0, 3.0), PlanWalls.of(SMALL)
     assert walls is not None
     scene = scene_of(s, walls)
-    return search(scene, voting_proposals(s, SMALL, scene))[np.zeros(3, dtype=np.int64)]
+    return search(scene)[np.zeros(3, dtype=np.int64)]
 
 
 def judged(found: Hypotheses, *scores: float, gone: int = 0) -> Verdict:

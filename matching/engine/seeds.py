@@ -1,0 +1,111 @@
+"""Seeds: motions of parts of the map, from which hypotheses grow.
+
+A part is a room with its direct neighbours, whose motions differ little, however much the whole map has drifted. Its
+corners and the proposed matches of its walls vote for motions; those that align most of its walls with the plan's are
+its seeds.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.compiled import compiled
+from data.geometry import se2
+from data.geometry.se2 import Array
+from data.geometry.se2_compiled import wrapped
+from matching.arrays import Index
+from matching.arrays.groups import Groups
+from matching.engine.corners import corners
+from matching.engine.field import Fields, Scene, rigid_state
+from matching.engine.proposals import TopK, proposal_votes
+from matching.engine.votes import Votes, aligned, candidates, corner_votes
+
+MOST_PARTS = 8  # beside the whole map
+SMALL_PART, MOST_WALLS = 4, 200  # walls; a part with fewer has too few corners to vote, a map with more drifts
+FEW_CORNERS = 4  # with fewer, distant crossings and the ends of walls vote as well
+MOST_PLACES, KEPT = 40, 10  # of each yaw mode; of a part on each storey
+SIGMA = 0.4  # metres across: neighbours' motions differ
+LEAST_WORTH = 0.25  # of the best seed's; beyond the fewest, others are no seeds
+SAME_M, SAME_RAD = 0.4, float(np.radians(4))  # between the motions of a room that two seeds of it are one
+
+
+def seeds(scene: Scene, proposals: TopK | None, fewest: int, most: int) -> tuple[Fields, Index]:
+    """Returns the best distinct motions as rigid fields, best first, and for each (K,) the group in the part's middle.
+
+    `proposals` are those of the map's walls for the walls of all storeys; None leaves it to the corners.
+    """
+    groups, plan, none = scene.groups, scene.plan, np.zeros(0)
+    group, storey, motion, worth = [none.astype(np.int64)], [none.astype(np.int64)], [np.zeros((0, 3))], [none]
+    proposed = None if proposals is None else proposal_votes(scene, proposals)
+    for middle, member in _parts(groups):
+        chosen = np.flatnonzero(member[groups.of_wall])
+        walls, own = scene.s[chosen], corners(scene.s, chosen)
+        scarce = len(own) < FEW_CORNERS
+        own = corners(scene.s, chosen, scarce) if scarce else own
+        for k, a in enumerate(plan.storeys):
+            votes = corner_votes(own, corners(a, scarce=True) if scarce else plan.corners[k])
+            votes = votes if proposed is None else votes.with_those(proposed.of(member, k))
+            found = _about(groups.centre[middle], votes)
+            share = aligned(walls, plan, k, found, SIGMA)
+            best = np.argsort(-share, kind="stable")[:KEPT]
+            motion.append(found[best])
+            worth.append(share[best] * walls.weight.sum())
+            group.append(np.full(len(best), middle))
+            storey.append(np.full(len(best), k))
+    of = [np.concatenate(each) for each in (group, storey, motion, worth)]
+    order = np.argsort(-of[3], kind="stable")
+    group_of, storey_of, motions, values = (each[order] for each in of)
+    kept = _distinct(groups.centre, groups.hops, group_of, storey_of, motions, values, fewest, most)
+    return Fields(storey_of[kept], rigid_state(scene, motions[kept])), group_of[kept]
+
+
+def _about(centre: Array, votes: Votes) -> Array:
+    """(K, 3) the motions with most votes, gathered at a point of the map, where a small turn does not move it."""
+    found = candidates(votes._replace(point=votes.point - centre), MOST_PLACES)
+    found[:, 1:] -= se2.rotate(found[:, 0], centre)
+    return found
+
+
+def _parts(groups: Groups) -> list[tuple[int, NDArray[np.bool_]]]:
+    """The group in the middle of each part, and which groups (G,) are members; the parts cover the map, and the first
+    is the whole map, unless it is large."""
+    size, near = np.bincount(groups.of_wall, minlength=len(groups)), groups.hops <= 1
+    whole = int(np.argmin(np.linalg.norm(groups.centre, axis=1))), np.ones(len(groups), dtype=bool)
+    parts = [whole] if size.sum() <= MOST_WALLS or len(groups) < 3 else []
+    free = np.ones(len(groups), dtype=bool)
+    while free.any() and len(parts) <= MOST_PARTS and len(groups) > 2:
+        best = int(np.argmax(np.where(free, near @ size, -1)))
+        free &= ~near[best]
+        if size[near[best]].sum() >= SMALL_PART:
+            parts.append((best, near[best]))
+    return parts
+
+
+@compiled
+def _distinct(
+    centre: Array, hops: Index, group: Index, storey: Index, motion: Array, worth: Array, fewest: int, most: int
+) -> Index:
+    """Indices of the seeds that differ from all better ones, at least `fewest` and at most `most`."""
+    kept, count = np.empty(most, dtype=np.int64), 0
+    for n in range(len(worth)):
+        if count == most or (count >= fewest and worth[n] < LEAST_WORTH * worth[0]):
+            break
+        x, y = _moved(motion, n, centre, group[n])
+        new = True
+        for m in kept[:count]:
+            u, v = _moved(motion, m, centre, group[n])
+            slack = np.sqrt(1.0 + hops[group[n], group[m]])
+            near = np.hypot(u - x, v - y) < SAME_M * slack
+            near = near and abs(wrapped(motion[m, 0] - motion[n, 0])) < SAME_RAD * slack
+            new = new and not (near and storey[m] == storey[n])
+        if new:
+            kept[count] = n
+            count += 1
+    return kept[:count].copy()
+
+
+@compiled
+def _moved(motion: Array, n: int, point: Array, g: int) -> tuple[float, float]:
+    """Where one of the motions (M, 3) puts one of the points (G, 2)."""
+    cos, sin = np.cos(motion[n, 0]), np.sin(motion[n, 0])
+    x, y = point[g, 0], point[g, 1]
+    return cos * x - sin * y + motion[n, 1], sin * x + cos * y + motion[n, 2]
