@@ -1,8 +1,8 @@
 """Searches for distinct hypotheses, each a field of motions over the map.
 
-Corners and proposed matches vote for motions of parts of the map (`seeds`). Each grows from the part of the map where it is most certain
-over the neighbouring rooms (`grow`). A room's walls are used as soon as one of its neighbours is placed. Every field is
-scored by its evidence (`evidence`). Places where the plan looks like the best one are added (`alternative_placements`),
+Corners and proposed matches vote for motions of parts of the map (`seeds`). Each grows from its part over the
+neighbouring rooms (`grow`). A room's walls are used as soon as one of its neighbours is placed. Every field is scored by
+its evidence (`evidence`). Places where the plan looks like the best one are added (`alternative_placements`),
 so that a symmetric place is found even if nothing proposed it.
 """
 

@@ -15,15 +15,16 @@ from data.geometry.se2_compiled import wrapped
 from matching.arrays import Index
 from matching.arrays.groups import Groups
 from matching.engine.corners import corners
-from matching.engine.field import Fields, Scene, rigid_state
-from matching.engine.proposals import TopK, proposal_votes
+from matching.engine.field import Fields, Scene, explained, rigid_state
+from matching.engine.guided_field import advance, guided
+from matching.engine.proposals import ProposalVotes, TopK, proposal_votes
 from matching.engine.votes import Votes, aligned, candidates, corner_votes
 
 MOST_PARTS = 8  # beside the whole map
 SMALL_PART, MOST_WALLS = 4, 200  # walls; a part with fewer has too few corners to vote, a map with more drifts
 FEW_CORNERS = 4  # with fewer, distant crossings and the ends of walls vote as well
 MOST_PLACES, KEPT = 40, 10  # of each yaw mode; of a part on each storey
-SIGMA = 0.4  # metres across: neighbours' motions differ
+SIGMA, SIGMA_WORTH = 0.4, 0.25  # metres across: neighbours' motions differ; after a step
 LEAST_WORTH = 0.25  # of the best seed's; beyond the fewest, others are no seeds
 SAME_M, SAME_RAD = 0.4, float(np.radians(4))  # between the motions of a room that two seeds of it are one
 
@@ -33,29 +34,42 @@ def seeds(scene: Scene, proposals: TopK | None, fewest: int, most: int) -> tuple
 
     `proposals` are those of the map's walls for the walls of all storeys; None leaves it to the corners.
     """
-    groups, plan, none = scene.groups, scene.plan, np.zeros(0)
-    group, storey, motion, worth = [none.astype(np.int64)], [none.astype(np.int64)], [np.zeros((0, 3))], [none]
     proposed = None if proposals is None else proposal_votes(scene, proposals)
-    for middle, member in _parts(groups):
-        chosen = np.flatnonzero(member[groups.of_wall])
-        walls, own = scene.s[chosen], corners(scene.s, chosen)
-        scarce = len(own) < FEW_CORNERS
-        own = corners(scene.s, chosen, scarce) if scarce else own
-        for k, a in enumerate(plan.storeys):
-            votes = corner_votes(own, corners(a, scarce=True) if scarce else plan.corners[k])
-            votes = votes if proposed is None else votes.with_those(proposed.of(member, k))
-            found = _about(groups.centre[middle], votes)
-            share = aligned(walls, plan, k, found, SIGMA)
-            best = np.argsort(-share, kind="stable")[:KEPT]
-            motion.append(found[best])
-            worth.append(share[best] * walls.weight.sum())
-            group.append(np.full(len(best), middle))
-            storey.append(np.full(len(best), k))
-    of = [np.concatenate(each) for each in (group, storey, motion, worth)]
-    order = np.argsort(-of[3], kind="stable")
-    group_of, storey_of, motions, values = (each[order] for each in of)
-    kept = _distinct(groups.centre, groups.hops, group_of, storey_of, motions, values, fewest, most)
-    return Fields(storey_of[kept], rigid_state(scene, motions[kept])), group_of[kept]
+    group, found, worth = [], [], []
+    for middle, member in _parts(scene.groups):
+        placed, explains = _placements(scene, middle, member, proposed)
+        group.append(np.full(len(placed), middle))
+        found.append(placed)
+        worth.append(explains)
+    of, value = np.concatenate(group), np.concatenate(worth)
+    fields = Fields(np.concatenate([f.storey for f in found]), np.concatenate([f.state for f in found]))
+    order = np.argsort(-value, kind="stable")
+    kept = order[
+        _distinct(scene.groups.hops, of[order], fields.storey[order], fields.state[order], value[order], fewest, most)
+    ]
+    return fields[kept], of[kept]
+
+
+def _placements(
+    scene: Scene, middle: int, member: NDArray[np.bool_], proposed: ProposalVotes | None
+) -> tuple[Fields, Array]:
+    """The likeliest placements of a part on each storey, after a step, and the weight of its walls that each explains."""
+    plan, chosen = scene.plan, np.flatnonzero(member[scene.groups.of_wall])
+    walls, own = scene.s[chosen], corners(scene.s, chosen)
+    scarce = len(own) < FEW_CORNERS
+    own = corners(scene.s, chosen, scarce) if scarce else own
+    storey, motion = [], []
+    for k, a in enumerate(plan.storeys):
+        votes = corner_votes(own, corners(a, scarce=True) if scarce else plan.corners[k])
+        votes = votes if proposed is None else votes.with_those(proposed.of(member, k))
+        found = _about(scene.groups.centre[middle], votes)
+        best = np.argsort(-aligned(walls, plan, k, found, SIGMA), kind="stable")[:KEPT]
+        motion.append(found[best])
+        storey.append(np.full(len(best), k))
+    rigid = Fields(np.concatenate(storey), rigid_state(scene, np.concatenate(motion)))
+    sigmas = np.broadcast_to(np.where(member, SIGMA, np.inf), (1, len(rigid), len(member)))
+    placed = advance(scene, guided(scene, rigid), np.ascontiguousarray(sigmas))
+    return placed.fields, explained(scene, placed.table, placed.fields.state, SIGMA_WORTH)[:, chosen] @ walls.weight
 
 
 def _about(centre: Array, votes: Votes) -> Array:
@@ -81,31 +95,19 @@ def _parts(groups: Groups) -> list[tuple[int, NDArray[np.bool_]]]:
 
 
 @compiled
-def _distinct(
-    centre: Array, hops: Index, group: Index, storey: Index, motion: Array, worth: Array, fewest: int, most: int
-) -> Index:
-    """Indices of the seeds that differ from all better ones, at least `fewest` and at most `most`."""
+def _distinct(hops: Index, group: Index, storey: Index, state: Array, worth: Array, fewest: int, most: int) -> Index:
+    """Indices of the seeds that differ from all better ones in their middle, at least `fewest` and at most `most`."""
     kept, count = np.empty(most, dtype=np.int64), 0
     for n in range(len(worth)):
         if count == most or (count >= fewest and worth[n] < LEAST_WORTH * worth[0]):
             break
-        x, y = _moved(motion, n, centre, group[n])
-        new = True
+        g, new = group[n], True
         for m in kept[:count]:
-            u, v = _moved(motion, m, centre, group[n])
-            slack = np.sqrt(1.0 + hops[group[n], group[m]])
-            near = np.hypot(u - x, v - y) < SAME_M * slack
-            near = near and abs(wrapped(motion[m, 0] - motion[n, 0])) < SAME_RAD * slack
+            slack = np.sqrt(1.0 + hops[g, group[m]])
+            near = np.hypot(state[m, g, 1] - state[n, g, 1], state[m, g, 2] - state[n, g, 2]) < SAME_M * slack
+            near = near and abs(wrapped(state[m, g, 0] - state[n, g, 0])) < SAME_RAD * slack
             new = new and not (near and storey[m] == storey[n])
         if new:
             kept[count] = n
             count += 1
     return kept[:count].copy()
-
-
-@compiled
-def _moved(motion: Array, n: int, point: Array, g: int) -> tuple[float, float]:
-    """Where one of the motions (M, 3) puts one of the points (G, 2)."""
-    cos, sin = np.cos(motion[n, 0]), np.sin(motion[n, 0])
-    x, y = point[g, 0], point[g, 1]
-    return cos * x - sin * y + motion[n, 1], sin * x + cos * y + motion[n, 2]
