@@ -2,8 +2,8 @@
 
 Each S wall is either a wall of the plan, with a normal deviation whose size is marginalised over, or something else
 (clutter, or a wall that is not in the plan); chance is an A wall of its direction at a random place. The walls of an S
-room belong to one A room, or rarely to two that the map merged; the A rooms' walls and doors should be in the map; and
-the field pays for its deformation between neighbours.
+room belong to one A room; the A rooms' walls and doors should be in the map; and the field pays for its deformation
+between neighbours.
 """
 
 from dataclasses import dataclass
@@ -28,19 +28,10 @@ ENTERED = 0.6
 MOST_STRAINED = 50.0  # chi^2 of one pair of neighbours: rooms are not torn from one another
 LEAST_HERE, MOST_OFF = 1e-6, 0.8  # pairs that lie less beside each other, or further off (metres), are as good as none
 ELSEWHERE = 0.1  # how likely a wall is that of another A room than its S room's
-TWO_IN_ONE = 0.05  # of the S rooms are two A rooms
 # How the ends of walls may have been seen, one way for all of a map, all ways equally likely beforehand: metres along;
 # of the ends, those that are where the plan has them, stop short of there, and run on.
 # A robot finds an end well or not at all; a map that was drawn by hand, or is old, has them all, and all a little off.
 ENDS = np.array([(0.05, 0.5, 0.45, 0.05), (0.35, 0.87, 0.08, 0.05)])
-
-
-@dataclass(frozen=True)
-class _Homes:
-    """Of K fields and R S rooms, the A rooms of the field's storey with most and second most of the walls."""
-
-    first: Index  # (K, R), -1 for none
-    second: Index  # (K, R)
 
 
 @dataclass(frozen=True)
@@ -84,8 +75,8 @@ def evidence(scene: Scene, fields: Fields, table: Index, chance: Chance, noise: 
     seen = []
     for k, storey in enumerate(fields.storey.tolist()):
         a, first = scene.plan.storeys[storey], int(scene.plan.first[storey])
-        seen.append(_completeness(a.half, a.room, len(a.rooms), table[k], first, now.quality[k], homes.first[k]))
-    rest = door_evidence(scene, fields, homes.first) - 0.5 * bending(scene, fields)
+        seen.append(_completeness(a.half, a.room, len(a.rooms), table[k], first, now.quality[k], homes[k]))
+    rest = door_evidence(scene, fields, homes) - 0.5 * bending(scene, fields)
     return np.asarray(walls + np.array(seen) + rest)
 
 
@@ -99,17 +90,19 @@ def bending(scene: Scene, fields: Fields) -> Array:
     return np.asarray(each.mean(axis=1) * (len(scene.groups) - 1))
 
 
-def _homes(scene: Scene, table: Index, quality: Array) -> _Homes:
+def _homes(scene: Scene, table: Index, quality: Array) -> Index:
+    """(K, R) the A room of the field's storey that has most walls of each S room, -1 for none."""
     rooms = max((len(a.rooms) for a in scene.plan.storeys), default=0)
-    return _Homes(*_homes_of(scene.s.room, scene.s.weight, len(scene.s.rooms), scene.plan.room, rooms, table, quality))
+    s = scene.s
+    return np.asarray(_homes_of(s.room, s.weight, len(s.rooms), scene.plan.room, rooms, table, quality))
 
 
 @compiled
 def _homes_of(
     s_room: Index, weight: Array, s_rooms: int, a_room: Index, a_rooms: int, table: Index, quality: Array
-) -> tuple[Index, Index]:
-    """See `_Homes`; each wall votes for the room of its best partner."""
-    first, second = np.full((len(table), s_rooms), -1), np.full((len(table), s_rooms), -1)
+) -> Index:
+    """See `_homes`; each wall votes for the room of its best partner."""
+    home = np.full((len(table), s_rooms), -1)
     for k in range(len(table)):
         votes = np.zeros((s_rooms, a_rooms))
         for i in range(len(s_room)):
@@ -119,22 +112,20 @@ def _homes_of(
                 votes[s_room[i], room] += weight[i] * quality[k, i, p]
         for r in range(s_rooms):
             for q in range(a_rooms):
-                if votes[r, q] > (votes[r, first[k, r]] if first[k, r] >= 0 else 0.0):
-                    first[k, r], second[k, r] = q, first[k, r]
-                elif votes[r, q] > (votes[r, second[k, r]] if second[k, r] >= 0 else 0.0):
-                    second[k, r] = q
-    return first, second
+                if votes[r, q] > (votes[r, home[k, r]] if home[k, r] >= 0 else 0.0):
+                    home[k, r] = q
+    return home
 
 
 def _of_walls(
-    scene: Scene, fields: Fields, table: Index, now: Judged, homes: _Homes, chance: Chance, noise: Noise
+    scene: Scene, fields: Fields, table: Index, now: Judged, homes: Index, chance: Chance, noise: Noise
 ) -> Array:
     """(K,) nats of all S walls, marginalised over the noise."""
     s, plan = scene.s, scene.plan
     met = _met(scene, fields, chance)
     nats = _nats(
         s.half, s.known, s.room, plan.half, plan.known, plan.room, table, now.beside, now.across, now.along,
-        now.turned, met, homes.first, homes.second, noise.sigmas, noise.ends,
+        now.turned, met, homes, noise.sigmas, noise.ends,
     )  # fmt: skip
     return np.asarray(np.logaddexp.reduce(nats, axis=1) - np.log(nats.shape[1]))
 
@@ -142,18 +133,17 @@ def _of_walls(
 @compiled
 def _nats(
     half: Array, known: NDArray[np.bool_], room: Index, a_half: Array, a_known: NDArray[np.bool_], a_room: Index,
-    table: Index, beside: Array, across: Array, along: Array, turned: Array, met: Array, first: Index, second: Index,
+    table: Index, beside: Array, across: Array, along: Array, turned: Array, met: Array, home: Index,
     sigmas: Array, ends: Array,
 ) -> Array:  # fmt: skip
-    """(K, precisions) nats of all S walls, room by room; a room's walls are those of one A room or of two."""
+    """(K, precisions) nats of all S walls; a room's walls are those of one A room."""
     fields, walls, width = table.shape
     precisions = len(sigmas) * len(ends)
-    total, density = np.zeros((fields, precisions)), np.empty(precisions)
+    total, density, best = np.zeros((fields, precisions)), np.empty(precisions), np.empty(precisions)
     for k in range(fields):
-        rooms, best = np.zeros((2, first.shape[1], precisions)), np.empty((2, precisions))
         for i in range(walls):
             best[:] = 0.0
-            one, two = (first[k, room[i]], second[k, room[i]]) if room[i] >= 0 else (-1, -1)
+            own = home[k, room[i]] if room[i] >= 0 else -1
             for p in range(width):
                 here = beside[k, i, p] * np.exp((-0.5 / SIGMA_HEADING**2) * turned[k, i, p] ** 2)
                 if here <= LEAST_HERE or abs(across[k, i, p]) >= MOST_OFF:
@@ -162,24 +152,12 @@ def _nats(
                 _measured(
                     across[k, i, p], along[k, i, p], half[i], a_half[j], known[i] and a_known[j], sigmas, ends, density
                 )
-                free = one < 0 or a_room[j] < 0 or a_room[j] == one
-                in_one, in_two = 1.0 if free else ELSEWHERE, 1.0 if free or a_room[j] == two else ELSEWHERE
+                ratio = here / met[k, i] * (1.0 if own < 0 or a_room[j] < 0 or a_room[j] == own else ELSEWHERE)
                 for n in range(precisions):
-                    ratio = here / met[k, i] * density[n]
-                    best[0, n], best[1, n] = max(best[0, n], ratio * in_one), max(best[1, n], ratio * in_two)
+                    best[n] = max(best[n], ratio * density[n])
             other = min(max(NOT_IN_PLAN / (2 * half[i]), NOT_IN_PLAN_BOUNDS[0]), NOT_IN_PLAN_BOUNDS[1])
             for n in range(precisions):
-                of_wall = also = np.log((1 - other) * best[0, n] + other)
-                if best[1, n] != best[0, n]:
-                    also = np.log((1 - other) * best[1, n] + other)
-                if room[i] >= 0:
-                    rooms[0, room[i], n] += of_wall
-                    rooms[1, room[i], n] += also
-                else:
-                    total[k, n] += of_wall
-        for r in range(rooms.shape[1]):
-            for n in range(precisions):
-                total[k, n] += either(rooms[0, r, n] + np.log(1 - TWO_IN_ONE), rooms[1, r, n] + np.log(TWO_IN_ONE))
+                total[k, n] += np.log((1 - other) * best[n] + other)
     return total
 
 

@@ -1,9 +1,9 @@
 """Searches for distinct hypotheses, each a field of motions over the map.
 
 Corners and proposed matches vote for motions of parts of the map (`seeds`). Each grows from its part over the
-neighbouring rooms (`grow`). A room's walls are used as soon as one of its neighbours is placed. Every field is scored by
-its evidence (`evidence`). Places where the plan looks like the best one are added (`alternative_placements`),
-so that a symmetric place is found even if nothing proposed it.
+neighbouring rooms (`grow`). A room's walls are used as soon as one of its neighbours is placed. Every field is scored
+by its evidence (`evidence`). Places where the plan looks like the best one are added (`alternative_placements`), so
+that a symmetric place is found even if nothing proposed it.
 """
 
 from collections.abc import Callable
@@ -69,14 +69,6 @@ class Hypotheses:
         storeys = self.scene.plan.storeys
         own = np.array([storeys[k].T_graph_own for k in self.fields.storey.tolist()]).reshape(-1, 3)
         return se2.compose(se2.compose(own, self.rigid), se2.inverse(self.scene.s.T_graph_own))
-
-    @cached_property
-    def rooms_placed(self) -> Array:
-        """(K, R, 2) the centroids of the map's rooms as placed by each hypothesis, in the plan's frame."""
-        s, storeys = self.scene.s, self.scene.plan.storeys
-        own = np.array([storeys[k].T_graph_own for k in self.fields.storey.tolist()]).reshape(-1, 1, 3)
-        moved = motions(self.scene, self.fields.state)[:, self.scene.group_of_room]
-        return se2.apply(own, se2.apply(moved, se2.apply(se2.inverse(s.T_graph_own), s.room_centroids)))
 
 
 def scene_of(s: SceneGraph, plan: PlanWalls, rigid: bool = False) -> Scene:

@@ -45,18 +45,6 @@ class PlanWalls:
         return order, self.heading[order], np.ascontiguousarray(self.lines[order].T)
 
     @cached_property
-    def footprints(self) -> tuple[tuple[Array, Index], ...]:
-        """For each storey the corners (C, 2) of its rooms' footprints, in the plan's frame, and (rooms + 1,) where each
-        room's begin.
-        """
-        found = []
-        for a in self.storeys:
-            each = [np.array(r.polygon or (), dtype=float).reshape(-1, 2) for r in a.rooms]
-            first = np.cumsum([0, *map(len, each)])
-            found.append((np.concatenate((np.zeros((0, 2)), *each)), first))
-        return tuple(found)
-
-    @cached_property
     def corners(self) -> tuple[Marks, ...]:
         """The corners of each storey."""
         return tuple(corners(w) for w in self.storeys)

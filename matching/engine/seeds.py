@@ -53,7 +53,8 @@ def seeds(scene: Scene, proposals: TopK | None, fewest: int, most: int) -> tuple
 def _placements(
     scene: Scene, middle: int, member: NDArray[np.bool_], proposed: ProposalVotes | None
 ) -> tuple[Fields, Array]:
-    """The likeliest placements of a part on each storey, after a step, and the weight of its walls that each explains."""
+    """The likeliest placements of a part on each storey, after a step, and the weight of its walls that each
+    explains."""
     plan, chosen = scene.plan, np.flatnonzero(member[scene.groups.of_wall])
     walls, own = scene.s[chosen], corners(scene.s, chosen)
     scarce = len(own) < FEW_CORNERS
