@@ -7,8 +7,7 @@ from typing import Protocol
 from data.common.errors import UserError
 from data.scene_graph import SceneGraph, implausible
 from matching.combinatorial import CombinatorialMatcher
-from matching.result import MatchResult
-from matching.start import Start
+from matching.result import MatchResult, Start
 
 WITH_WEIGHTS = ("learned", "paper")
 

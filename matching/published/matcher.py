@@ -18,8 +18,7 @@ from data.geometry.se2 import Array
 from data.scene_graph import SceneGraph
 from matching.published.graph import paper_graph
 from matching.published.network import PRESETS, PaperNetwork, PaperSettings
-from matching.result import Hypothesis, MatchResult, Pair
-from matching.start import Start, near_start
+from matching.result import Hypothesis, MatchResult, Pair, Start, near_start
 
 SHIPPED = Path(__file__).parents[1] / "weights"
 REASON = "the published matcher answers every time; nothing was checked"
