@@ -2,23 +2,20 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Union
 
+from data.common.compiling import once_on_two_cores
 from data.common.errors import UserError
 from data.scene_graph import SceneGraph, implausible
 from matching.combinatorial import CombinatorialMatcher
-from matching.result import MatchResult, Start
+from matching.result import AnyMatcher, MatchResult, Start
 
+if TYPE_CHECKING:
+    from matching.engine import GeometricMatcher
+    from matching.published.matcher import PaperMatcher
+
+Method = Union[CombinatorialMatcher, "GeometricMatcher", "PaperMatcher"]
 WITH_WEIGHTS = ("learned", "paper")
-
-
-class Method(Protocol):
-    """The interface of every matching method."""
-
-    def match(
-        self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
-    ) -> MatchResult:
-        """See `Matcher.match`."""
 
 
 class Matcher:
@@ -114,3 +111,28 @@ def _paper(weights: Path | str | None) -> Method:
     except ModuleNotFoundError as error:
         raise UserError(f"the matching method 'paper' needs {error.name}; pip install 'sgslam[torch]'") from None
     return PaperMatcher(load_paper_network(weights or "published"))
+
+
+def make_ready(matcher: AnyMatcher, method: str) -> None:
+    """Matches a small plan with itself, so that compiled loops are loaded or compiled before a robot needs them.
+
+    `method` is the name by which the matcher was loaded.
+    """
+    plan = _small_plan()
+    if method.partition("@")[0] == "learned":  # the one method of which there is much to compile
+        from matching.proposals.learned import LearnedProposer
+
+        once_on_two_cores("learned", lambda: LearnedProposer.load().propose(plan, plan), vote)
+    matcher.match(plan, plan)
+
+
+def vote() -> None:
+    """Compiles what the proposals by votes and the search need, which is half of what `learned` does."""
+    plan = _small_plan()
+    Matcher.load("voting").match(plan, plan)
+
+
+def _small_plan() -> SceneGraph:
+    from data.generation.buildings import generate_plan
+
+    return generate_plan("apartment", 0).graph
