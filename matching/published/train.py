@@ -27,10 +27,9 @@ def main(arguments: list[str] | None = None) -> int:
     if min(options.pairs, options.epochs) < 1:
         raise UserError("--pairs and --epochs must be positive")
     try:
-        from matching.published.data import drawn_pairs, split
         from matching.published.matcher import save_paper_network
         from matching.published.network import PRESETS
-        from matching.published.trainer import evaluate, train
+        from matching.published.trainer import drawn_pairs, evaluate, split, train
     except ModuleNotFoundError as error:
         raise UserError(f"training needs {error.name}; pip install 'sgslam[torch]'") from None
     from data.plans import read_plans

@@ -16,10 +16,10 @@ import matching
 from data import UserError
 from data.synthetic_maps.noise_models import draw
 from matching import Matcher, MatchResult
-from matching.published.data import laid_out
 from matching.published.matcher import load_paper_network
 from matching.published.network import PRESETS, PaperNetwork, soft_assignment
 from matching.published.train import main as train_command
+from matching.published.trainer import laid_out
 
 PLAN = a_graph(flat(np.random.default_rng(3), 10, 8))
 
