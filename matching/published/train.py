@@ -5,8 +5,10 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
+from data.common.build import build
 from data.common.cli import Parser, run_command
 from data.common.errors import UserError
+from data.common.files import write_json
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -30,10 +32,10 @@ def main(arguments: list[str] | None = None) -> int:
         from matching.published.matcher import save_paper_network
         from matching.published.network import PRESETS
         from matching.published.trainer import drawn_pairs, evaluate, split, train
+        from matching.training.trainer import write_curve
     except ModuleNotFoundError as error:
         raise UserError(f"training needs {error.name}; pip install 'sgslam[torch]'") from None
     from data.plans import read_plans
-    from matching.training.report import write_card, write_curve
 
     if options.preset not in PRESETS:
         raise UserError(f"--preset {options.preset}: give one of {', '.join(PRESETS)}")
@@ -44,7 +46,7 @@ def main(arguments: list[str] | None = None) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     for network, curve in train(PRESETS[options.preset], training, validation, options.seed, options.epochs):
         save_paper_network(options.out / "paper.safetensors", network)
-        write_curve(options.out, curve)
+        write_curve(options.out / "curve.csv", curve)
         print("  ".join(f"{k} {v:.4g}" for k, v in curve[-1].items()), flush=True)
     loss, accuracy = evaluate(network, test)
     card = {
@@ -56,8 +58,9 @@ def main(arguments: list[str] | None = None) -> int:
         "split": "70 / 15 / 15 % by building, stratified by size",
         "best": min(curve, key=lambda row: row["validation loss"]),
         "test": {"loss": loss, "accuracy": accuracy},
+        "sgslam": build(),
     }
-    write_card(options.out, card)
+    write_json(options.out / "model_card.json", card)
     print(f"test set: loss {loss:.4f}, accuracy {accuracy:.4f}")
     return 0
 

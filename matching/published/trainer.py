@@ -22,8 +22,7 @@ from data.scene_graph.motion import moved
 from data.synthetic_maps.noise_models import draw
 from matching.published.network import PaperGraph, PaperNetwork, PaperSettings, paper_graph
 from matching.training.data import varied
-
-Row = dict[str, float]
+from matching.training.trainer import Row
 
 FROM_FILES = 0.5
 SKEWED = 1 / 3  # of the generated

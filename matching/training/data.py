@@ -51,14 +51,15 @@ class Batch:
 
 @dataclass(frozen=True)
 class Drawing:
-    """The source of batches: plans from files, and generated ones by kind and seed."""
+    """The source of batches: plans from files, and generated ones by kind and seed; `seed` is that of the draws."""
 
     plans: tuple[Plan, ...]
     seeds: Mapping[str, tuple[int, ...]]
+    seed: int
 
-    def batch(self, seed: int, step: int) -> Batch:
+    def __getitem__(self, step: int) -> Batch:
         """Returns the batch of one step."""
-        rng = np.random.default_rng([seed, step])
+        rng = np.random.default_rng([self.seed, step])
         groups: list[tuple[SceneGraph, list[DrawnGraph]]] = []
         while len(groups) < PLANS:
             most = int(LEAST_WALLS * (MOST_WALLS / LEAST_WALLS) ** rng.random())
@@ -159,13 +160,9 @@ def part(a: SceneGraph, most: int, rng: np.random.Generator) -> SceneGraph:
     floors = {middle.floor}
     if others and rng.random() < 0.4:
         floors.add(others[int(rng.integers(len(others)))])
-    kept: set[str] = set()
-    count = 0
-    for r in sorted((r for r in a.rooms if r.floor in floors), key=lambda r: math.dist(r.centroid, middle.centroid)):
-        if kept and count > most:
-            break
-        kept.add(r.id)
-        count += len(a.surfaces_of_room[r.id])
+    near = sorted((r for r in a.rooms if r.floor in floors), key=lambda r: math.dist(r.centroid, middle.centroid))
+    walls = np.cumsum([len(a.surfaces_of_room[r.id]) for r in near])
+    kept = {r.id for r in near[: 1 + np.searchsorted(walls, most, side="right")]}
     doors = [replace(d, rooms=tuple(r for r in d.rooms if r in kept)) for d in a.doors if kept.intersection(d.rooms)]
     return SceneGraph(
         a.frame,
@@ -176,12 +173,12 @@ def part(a: SceneGraph, most: int, rng: np.random.Generator) -> SceneGraph:
     )
 
 
-def held_out(drawing: Drawing, seed: int) -> dict[str, Batch]:
-    """Returns a batch for each noise model and number of rooms, of unmodified plans; the same for the same seed."""
+def held_out(drawing: Drawing) -> dict[str, Batch]:
+    """Returns a batch for each noise model and number of rooms, of unmodified plans."""
     found = {}
     for k, noise in enumerate(HELD_OUT_NOISE):
         for m, rooms in enumerate(HELD_OUT_ROOMS):
-            rng = np.random.default_rng([seed, k, m])
+            rng = np.random.default_rng([drawing.seed, k, m])
             groups: list[tuple[SceneGraph, list[DrawnGraph]]] = []
             while len(groups) < HELD_OUT_PLANS:
                 a = part(drawing.plan(rng).graph, MOST_WALLS, rng)
