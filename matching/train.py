@@ -5,15 +5,18 @@ import sys
 from collections.abc import Iterator
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 from data.common.build import build
+from data.common.children import end_with_parent
 from data.common.cli import Parser, add_workers, run_command
 from data.common.cluster import in_order
 from data.common.errors import UserError
 from data.common.files import write_json
 
 if TYPE_CHECKING:
+    from torch.utils.data import Dataset
+
     from matching.training.data import Batch, Drawing
 
 GENERATED = 180  # seeds of generated plans of each kind
@@ -106,8 +109,15 @@ def batches(drawing: "Drawing", first: int, workers: int, scheduler: str | None 
         return in_order(drawing.__getitem__, count(first), scheduler)
     from torch.utils.data import DataLoader
 
-    others = {"num_workers": workers, "prefetch_factor": AHEAD, "multiprocessing_context": "spawn"} if workers else {}
-    return iter(DataLoader(drawing, batch_size=None, sampler=count(first), **others))  # type: ignore[arg-type]
+    options: dict[str, Any] = {"batch_size": None, "sampler": count(first)}
+    if workers:
+        ahead = {"prefetch_factor": AHEAD, "multiprocessing_context": "spawn", "worker_init_fn": _begin}
+        options |= {"num_workers": workers, **ahead}
+    return iter(DataLoader(cast("Dataset[Batch]", drawing), **options))
+
+
+def _begin(_: int) -> None:
+    end_with_parent()  # a DataLoader's own workers may wait for a parent that was killed
 
 
 if __name__ == "__main__":
