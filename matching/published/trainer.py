@@ -44,13 +44,6 @@ class PaperPair:
     s: PaperGraph
     match: np.ndarray
 
-    def assignment(self) -> Tensor:
-        """(N1, N2) 1 where the nodes match, otherwise 0."""
-        truth = torch.zeros(len(self.a.ids), len(self.s.ids))
-        found = np.flatnonzero(self.match >= 0)
-        truth[self.match[found], found] = 1.0
-        return truth
-
 
 def drawn_pairs(count: int, seed: int, plans: Sequence[Plan]) -> list[PaperPair]:
     """`count` pairs; the same for the same seed and plans."""
@@ -145,7 +138,9 @@ def permutation_loss(soft: Sequence[Tensor], pairs: Sequence[PaperPair]) -> Tens
     """Mean over pairs of the mean binary cross-entropy over all entries of the assignment (PCA-GM)."""
     losses = []
     for p, pair in zip(soft, pairs, strict=True):
-        truth, p = pair.assignment(), p.clamp(LEAST_PROBABILITY, 1 - 1e-7)  # close to 1, within single precision
+        p = p.clamp(LEAST_PROBABILITY, 1 - 1e-7)  # close to 1, within single precision
+        truth, found = torch.zeros_like(p), np.flatnonzero(pair.match >= 0)
+        truth[pair.match[found], found] = 1.0
         losses.append(-(truth * p.log() + (1 - truth) * torch.log1p(-p)).mean())
     return torch.stack(losses).mean()
 

@@ -61,7 +61,7 @@ def test_training_learns_and_the_same_seed_gives_the_same_file(tmp_path: Path) -
         losses = [float(row["loss"]) for row in csv.DictReader(file)]
     assert len(losses) == 3 and losses[-1] < losses[0]
     assert load_paper_network(tmp_path / "one/paper.safetensors").settings == PRESETS["repository"]
-    Matcher.load("paper", tmp_path / "one/paper.safetensors").match(PLAN, PLAN)
+    Matcher.load(f"paper@{tmp_path}/one/paper.safetensors").match(PLAN, PLAN)
 
 
 def test_mistakes_are_named(tmp_path: Path) -> None:
@@ -77,9 +77,9 @@ def test_mistakes_are_named(tmp_path: Path) -> None:
     (tmp_path / "wider.safetensors").write_bytes(shipped[:8] + wider)
     for name in ("text", "short", "other", "wider", "none"):
         with pytest.raises(UserError, match=f"{name}.safetensors"):
-            Matcher.load("paper", tmp_path / f"{name}.safetensors")
+            Matcher.load(f"paper@{tmp_path}/{name}.safetensors")
     with pytest.raises(UserError, match=tmp_path.name):
-        Matcher.load("paper", tmp_path)
+        Matcher.load(f"paper@{tmp_path}")
 
 
 @pytest.mark.parametrize("missing", ["torch", "safetensors"])
