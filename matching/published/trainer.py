@@ -28,8 +28,6 @@ FROM_FILES = 0.5
 SKEWED = 1 / 3  # of the generated
 SITE = 15.0  # m
 MOST_NODES = 310  # of a plan: the published set's largest
-BINS = 5  # of size, by quantiles, each of which is split alike
-SHARES = (0.7, 0.15)  # for training and validation; the rest is for test
 LEAST_PROBABILITY = 1e-9
 PATIENCE = 20  # epochs without a smaller validation loss
 EVALUATED_AT_ONCE = 64  # pairs of a batch in evaluation
@@ -74,23 +72,6 @@ def laid_out(graph: SceneGraph, rng: np.random.Generator) -> SceneGraph:
     """Returns the plan in a random orientation, its middle in the square of 30 m about the origin."""
     yaw = float(rng.uniform(-np.pi, np.pi))
     return moved(graph, np.array([yaw, *(rng.uniform(-SITE, SITE, 2) - se2.rotate(yaw, graph.centroid()))]))
-
-
-def split(pairs: Sequence[PaperPair], seed: int) -> tuple[list[PaperPair], list[PaperPair], list[PaperPair]]:
-    """Splits pairs into 70 % for training, 15 % for validation and 15 % for test, within each of five size classes of
-    S-graphs; those of a building stay together.
-    """
-    buildings: dict[str, list[PaperPair]] = {}
-    for pair in pairs:
-        buildings.setdefault(pair.building, []).append(pair)
-    by_size = sorted(buildings, key=lambda b: (float(np.mean([len(p.s.ids) for p in buildings[b]])), b))
-    rng = np.random.default_rng(seed)
-    parts: tuple[list[PaperPair], list[PaperPair], list[PaperPair]] = ([], [], [])
-    for of_size in np.array_split(np.array(by_size), BINS):
-        ends = [round(sum(SHARES[:k]) * len(of_size)) for k in (1, 2)]
-        for part, names in zip(parts, np.split(rng.permutation(of_size), ends), strict=True):
-            part += [p for name in names.tolist() for p in buildings[name]]
-    return parts
 
 
 def train(

@@ -1,6 +1,7 @@
 """The published matcher: what its paper says of it, its training, its answers, its files."""
 
 import csv
+import json
 import sys
 from functools import partial
 from pathlib import Path
@@ -62,6 +63,8 @@ def test_training_learns_and_the_same_seed_gives_the_same_file(tmp_path: Path) -
     assert len(losses) == 3 and losses[-1] < losses[0]
     assert load_paper_network(tmp_path / "one/paper.safetensors").settings == PRESETS["repository"]
     Matcher.load(f"paper@{tmp_path}/one/paper.safetensors").match(PLAN, PLAN)
+    card = json.loads((tmp_path / "one/model_card.json").read_text())
+    assert card["data"]["files"] == [] and sum(card["data"]["pairs"]) == 12  # the form that evaluations read
 
 
 def test_mistakes_are_named(tmp_path: Path) -> None:
