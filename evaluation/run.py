@@ -37,8 +37,8 @@ from evaluation.tables import in_words
 from evaluation.tracker import tracked, with_samples
 from evaluation.variants import ICP_TO_BIM, ODOMETRIES, PEERS, TRACKERS, Variant, variant_named
 from matching import Matcher, MatchResult
-from matching.protocol import AnyMatcher
-from matching.self_test import make_ready
+from matching.matcher import make_ready
+from matching.result import AnyMatcher
 from sgslam.config import AsBuiltSettings, Config
 from sgslam.odometry.external import ExternalOdometry
 from sgslam.session import Result, Update

@@ -1,25 +1,20 @@
 """`Matcher`: finds where an S-graph lies in an A-graph, by one of several methods."""
 
 from collections.abc import Callable
-from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Union
 
+from data.common.compiling import once_on_two_cores
 from data.common.errors import UserError
 from data.scene_graph import SceneGraph, implausible
 from matching.combinatorial import CombinatorialMatcher
-from matching.result import MatchResult
-from matching.start import Start
+from matching.result import AnyMatcher, MatchResult, Start
 
+if TYPE_CHECKING:
+    from matching.engine import GeometricMatcher
+    from matching.published.matcher import PaperMatcher
+
+Method = Union[CombinatorialMatcher, "GeometricMatcher", "PaperMatcher"]
 WITH_WEIGHTS = ("learned", "paper")
-
-
-class Method(Protocol):
-    """The interface of every matching method."""
-
-    def match(
-        self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
-    ) -> MatchResult:
-        """See `Matcher.match`."""
 
 
 class Matcher:
@@ -29,7 +24,7 @@ class Matcher:
         self._method = method
 
     @staticmethod
-    def load(method: str = "learned", weights: Path | str | None = None) -> "Matcher":
+    def load(method: str = "learned") -> "Matcher":
         """Loads a matching method by name.
 
         Args:
@@ -39,9 +34,8 @@ class Matcher:
                 `voting`: the same by the votes alone; no weights, no network;
                 `paper`: the published GATv2-Sinkhorn matcher; its assignment is the answer, without verification;
                 `combinatorial`: the search of iS-Graphs, which ends after 60 s at most.
-                `NAME@WEIGHTS` gives both name and weights, for example `paper@repository`.
-            weights: A file of weights; for `paper` also `published` (the default) or `repository`. None loads the
-                weights that come with the package.
+                `NAME@WEIGHTS` loads other weights than those that come with the package: a file, for example
+                `learned@my_network/learned.onnx`; for `paper` also `published` (the default) or `repository`.
 
         Returns:
             A matcher. It may be used for any number of graphs; what it computes for the last few plans is cached.
@@ -50,17 +44,16 @@ class Matcher:
             UserError: The name is unknown, the method takes no weights, the file has no weights that fit, or PyTorch,
                 which `paper` needs, is not installed.
         """
-        name, _, named = method.partition("@")
-        weights = named or weights
+        name, _, weights = method.partition("@")
         methods: dict[str, Callable[[], Method]] = {
             "voting": _voting,
-            "learned": lambda: _learned(weights),
-            "paper": lambda: _paper(weights),
+            "learned": lambda: _learned(weights or None),
+            "paper": lambda: _paper(weights or "published"),
             "combinatorial": CombinatorialMatcher,
         }
         if name not in methods:
             raise UserError(f"no matching method '{name}'; there are: {', '.join(methods)}")
-        if weights is not None and name not in WITH_WEIGHTS:
+        if weights and name not in WITH_WEIGHTS:
             raise UserError(f"the matching method '{name}' takes no weights; {', '.join(WITH_WEIGHTS)} do")
         return Matcher(methods[name]())
 
@@ -96,7 +89,7 @@ def _voting() -> Method:
     return GeometricMatcher()
 
 
-def _learned(weights: Path | str | None) -> Method:
+def _learned(weights: str | None) -> Method:
     """The network alone may mistake one of several equal rooms for another, and the corners see them all."""
     from matching.engine import GeometricMatcher, Scene, TopK, among
     from matching.proposals.learned import LearnedProposer
@@ -109,9 +102,34 @@ def _learned(weights: Path | str | None) -> Method:
     return GeometricMatcher(proposed)
 
 
-def _paper(weights: Path | str | None) -> Method:
+def _paper(weights: str) -> Method:
     try:
         from matching.published.matcher import PaperMatcher, load_paper_network
     except ModuleNotFoundError as error:
         raise UserError(f"the matching method 'paper' needs {error.name}; pip install 'sgslam[torch]'") from None
-    return PaperMatcher(load_paper_network(weights or "published"))
+    return PaperMatcher(load_paper_network(weights))
+
+
+def make_ready(matcher: AnyMatcher, method: str) -> None:
+    """Matches a small plan with itself, so that compiled loops are loaded or compiled before a robot needs them.
+
+    `method` is the name by which the matcher was loaded.
+    """
+    plan = _small_plan()
+    if method.partition("@")[0] == "learned":  # the one method of which there is much to compile
+        from matching.proposals.learned import LearnedProposer
+
+        once_on_two_cores("learned", lambda: LearnedProposer.load().propose(plan, plan), vote)
+    matcher.match(plan, plan)
+
+
+def vote() -> None:
+    """Compiles what the proposals by votes and the search need, which is half of what `learned` does."""
+    plan = _small_plan()
+    Matcher.load("voting").match(plan, plan)
+
+
+def _small_plan() -> SceneGraph:
+    from data.generation.buildings import generate_plan
+
+    return generate_plan("apartment", 0).graph

@@ -1,15 +1,20 @@
-"""`MatchResult`: the result of a match. Its `to_dict` gives the content of `matches.json`."""
+"""What a matcher gets beside the graphs and what it returns: `MatchResult`, the content of `matches.json`."""
 
 from dataclasses import dataclass, field
-from typing import Literal, NotRequired, TypedDict
+from typing import Literal, NotRequired, Protocol, TypedDict, cast
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic_core import to_jsonable_python
 
 from data.geometry import se2
+from data.geometry.se2 import Array
+from data.scene_graph import SceneGraph
 
 Status = Literal["unique", "ambiguous", "none"]
 Pair = tuple[str, str, float]  # S id, A id, confidence in [0, 1]
+Start = tuple[float, float, float]  # rough (yaw, x, y) of the map's origin in the BIM frame, as T_a_s: rad and metres
+START_M, START_RAD = 3.0, np.radians(60)
 
 
 class HypothesisEntry(TypedDict):
@@ -60,11 +65,6 @@ class Hypothesis:
         """(4, 4) `T_a_s` as a motion of space in metres, with z, roll and pitch 0: p_a = matrix @ (x, y, z, 1)."""
         return se2.to_se3(np.array(self.T_a_s))
 
-    def to_dict(self) -> HypothesisEntry:
-        """Returns the hypothesis as in `matches.json`."""
-        rooms = [list(pair) for pair in self.rooms]
-        return {"score": self.score, "T_a_s": list(self.T_a_s), "floor": self.floor, "rooms": rooms}
-
 
 @dataclass(frozen=True)
 class MatchResult:
@@ -107,13 +107,17 @@ class MatchResult:
 
     def to_dict(self) -> MatchesFile:
         """Returns the result as in `matches.json`."""
-        return {
-            "status": self.status,
-            "reason": self.reason,
-            "rooms": [list(pair) for pair in self.rooms],
-            "wall_surfaces": [list(pair) for pair in self.wall_surfaces],
-            "T_a_s": None if self.T_a_s is None else list(self.T_a_s),
-            "floor": self.floor,
-            "hypotheses": [h.to_dict() for h in self.hypotheses],
-            "seconds": self.seconds,
-        }
+        return cast(MatchesFile, to_jsonable_python(self))
+
+
+class AnyMatcher(Protocol):
+    """Any object that finds where an S-graph is in an A-graph; `Matcher.match` says what is expected of it."""
+
+    def match(self, s: SceneGraph, a: SceneGraph) -> MatchResult:
+        """Matches `s` with `a`; the status is `none` or `ambiguous` if no single answer fits."""
+
+
+def near_start(start: Start, T_a_s: Array) -> bool:
+    """Whether a placement is at most 3 m and 60 degrees from the start."""
+    turn = abs(se2.wrap(T_a_s[:1] - start[0])[0])
+    return bool(np.hypot(T_a_s[1] - start[1], T_a_s[2] - start[2]) <= START_M and turn <= START_RAD)

@@ -13,7 +13,7 @@ from data import SceneGraph, UserError
 from data.plans import Bim
 from data.scans import Scan, ScanSource
 from data.trajectory import Trajectory
-from matching.protocol import AnyMatcher
+from matching.result import AnyMatcher
 from sgslam.anchoring import AnchorRecord
 from sgslam.config import Config
 from sgslam.loops import LoopCloser

@@ -11,7 +11,7 @@ from pathlib import Path
 from data.common.json_files import read_json
 from evaluation.matching.pairs import NEGATIVE, PERTURBED, PUBLISHED, PUBLISHED_MAP, SGSLAM, KnownMap
 from matching import Matcher, MatchResult
-from matching.self_test import make_ready
+from matching.matcher import make_ready
 
 ORACLE = "oracle"
 COMBINATORIAL = "combinatorial"

@@ -9,7 +9,7 @@ from data.geometry import se2
 from data.synthetic_maps.exploration import Storey, Walk
 from data.synthetic_maps.noise_models import DrawnGraph, draw_walk
 from data.synthetic_maps.walks import perfect_map
-from matching.protocol import AnyMatcher, Match
+from matching.result import AnyMatcher, MatchResult
 
 NEAR_M, NEAR_RAD = 0.5, float(np.radians(5))  # from the true pose, at the map's centroid
 STOP_AHEAD, STOP_BEHIND = 4, 5  # trials stop when this many more maps are localised than not, or fewer
@@ -101,7 +101,7 @@ class MatchCache:
         return bool(drawn.s_graph.wall_surfaces) and is_correct(self.matcher.match(drawn.s_graph, self.a), drawn)
 
 
-def is_correct(result: Match, drawn: DrawnGraph) -> bool:
+def is_correct(result: MatchResult, drawn: DrawnGraph) -> bool:
     """Whether the match is unique and within 0.5 m and 5 degrees of the true pose."""
     if result.status != "unique" or result.T_a_s is None or result.floor != drawn.floor:
         return False

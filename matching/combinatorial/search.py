@@ -27,8 +27,7 @@ from data.geometry.se2 import Array
 from data.scene_graph import SceneGraph, WallSurface
 from matching.arrays import Index
 from matching.combinatorial.clipper import AgreeingSet, Deadline, Pairs, TimeIsUpError, agreeing_sets, assignments
-from matching.result import Hypothesis, MatchResult
-from matching.start import Start, near_start
+from matching.result import Hypothesis, MatchResult, Start, near_start
 
 TIME_LIMIT_S = 60.0
 LEAST_AFFINITY = 0.85  # of a wall with its room, and of a combination on average

@@ -15,8 +15,7 @@ from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
 from matching.engine.proposals import TopK
 from matching.engine.verdict import verify
-from matching.result import Hypothesis, MatchResult
-from matching.start import Start, near_start
+from matching.result import Hypothesis, MatchResult, Start, near_start
 
 LISTED = 10  # hypotheses in the result, at most
 Proposer = Callable[[SceneGraph, SceneGraph, Scene], TopK]  # of a map, a plan and both as arrays: walls of `scene.plan`

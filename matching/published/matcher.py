@@ -16,10 +16,8 @@ from data.common.files import write_atomically
 from data.geometry import se2
 from data.geometry.se2 import Array
 from data.scene_graph import SceneGraph
-from matching.published.graph import paper_graph
-from matching.published.network import PRESETS, PaperNetwork, PaperSettings
-from matching.result import Hypothesis, MatchResult, Pair
-from matching.start import Start, near_start
+from matching.published.network import PRESETS, PaperNetwork, PaperSettings, paper_graph
+from matching.result import Hypothesis, MatchResult, Pair, Start, near_start
 
 SHIPPED = Path(__file__).parents[1] / "weights"
 REASON = "the published matcher answers every time; nothing was checked"

@@ -5,8 +5,10 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
+from data.common.build import build
 from data.common.cli import Parser, run_command
 from data.common.errors import UserError
+from data.common.files import write_json
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -27,38 +29,45 @@ def main(arguments: list[str] | None = None) -> int:
     if min(options.pairs, options.epochs) < 1:
         raise UserError("--pairs and --epochs must be positive")
     try:
-        from matching.published.data import drawn_pairs, split
         from matching.published.matcher import save_paper_network
         from matching.published.network import PRESETS
-        from matching.published.trainer import evaluate, train
+        from matching.published.trainer import drawn_pairs, evaluate, train
+        from matching.training.trainer import write_curve
     except ModuleNotFoundError as error:
         raise UserError(f"training needs {error.name}; pip install 'sgslam[torch]'") from None
     from data.plans import read_plans
-    from matching.training.report import write_card, write_curve
+    from data.plans.splits import SHARES, split_of
 
     if options.preset not in PRESETS:
         raise UserError(f"--preset {options.preset}: give one of {', '.join(PRESETS)}")
     # every edge of a room is a surface, as in the published data
-    plans = [p for path in options.plans for p in read_plans(path, merge_collinear=False) if p.graph.wall_surfaces]
-    plans = [p for p in plans if p.graph.rooms]
-    training, validation, test = split(drawn_pairs(options.pairs, options.seed, plans), options.seed)
+    plans = [p for path in options.plans for p in read_plans(path, merge_collinear=False)]
+    plans = [p for p in plans if p.graph.rooms and p.graph.wall_surfaces]
+    pairs = [(split_of(pair.building), pair) for pair in drawn_pairs(options.pairs, options.seed, plans)]
+    training, validation, test = ([pair for of, pair in pairs if of == split] for split in SHARES)
+    if not training:
+        raise UserError(f"--pairs {options.pairs}: none of them is for training; give a larger number")
     options.out.mkdir(parents=True, exist_ok=True)
     for network, curve in train(PRESETS[options.preset], training, validation, options.seed, options.epochs):
         save_paper_network(options.out / "paper.safetensors", network)
-        write_curve(options.out, curve)
+        write_curve(options.out / "curve.csv", curve)
         print("  ".join(f"{k} {v:.4g}" for k, v in curve[-1].items()), flush=True)
     loss, accuracy = evaluate(network, test)
     card = {
         "command": f"{parser.prog} {shlex.join(given)}",
         "settings": asdict(network.settings),
         "parameters": sum(p.numel() for p in network.parameters()),
-        "plans": len(plans),
-        "pairs": [len(part) for part in (training, validation, test)],
-        "split": "70 / 15 / 15 % by building, stratified by size",
+        "data": {
+            "files": [p.name for p in options.plans],
+            "plans": len(plans),
+            "pairs": [len(part) for part in (training, validation, test)],
+            "split": "70 / 15 / 15 % by building",
+        },
         "best": min(curve, key=lambda row: row["validation loss"]),
         "test": {"loss": loss, "accuracy": accuracy},
+        "sgslam": build(),
     }
-    write_card(options.out, card)
+    write_json(options.out / "model_card.json", card)
     print(f"test set: loss {loss:.4f}, accuracy {accuracy:.4f}")
     return 0
 

@@ -5,10 +5,8 @@ weights nor files are needed; some are of another plan. The command is determini
 point numbers.
 """
 
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +14,7 @@ from scipy.optimize import minimize
 
 from data.common.cli import Parser, run_command
 from data.common.files import write_json
-from data.generation.buildings import generate_plan
 from data.geometry.se2 import Array
-from data.plans.splits import split_of
-from data.scene_graph import SceneGraph
 from data.synthetic_maps.noise_models import DrawnGraph, draw
 from matching.arrays import PlanCache
 from matching.engine.assignment import Pairs, assign
@@ -27,6 +22,7 @@ from matching.engine.calibration import SHIPPED, Calibration, grown
 from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
 from matching.engine.verdict import Signs
+from matching.training.data import generated, seeds_of
 
 KINDS = ("apartment", "office", "corridor", "l_shape", "skewed", "mirrored_twins", "tower")
 NOISE = ("real", "drift", "mis_segmented", "heavy_drift")
@@ -54,12 +50,11 @@ class Answer:
 
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command. Raises UserError."""
-    given = sys.argv[1:] if arguments is None else arguments
     parser = Parser(prog="python -m matching.training.calibrate", description="Fit the verdict and all confidences.")
     parser.add_argument("--maps", type=int, default=6000, help="number of maps (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="of the maps (default: %(default)s)")
     parser.add_argument("--out", type=Path, default=SHIPPED, metavar="FILE", help="default: the shipped file")
-    options = parser.parse_args(given)
+    options = parser.parse_args(arguments)
     answers = list(answers_on(options.maps, options.seed))
     command = f"python -m matching.training.calibrate --maps {options.maps} --seed {options.seed}"
     data = {"plans": f"generated, of the split 'train': {', '.join(KINDS)}", "noise": list(NOISE), "maps": len(answers)}
@@ -70,10 +65,10 @@ def main(arguments: list[str] | None = None) -> int:
 
 def answers_on(count: int, seed: int) -> Iterator[Answer]:
     """Matches maps of generated plans until `count` of them have a hypothesis."""
-    rng, done, arrays_of = np.random.default_rng(seed), 0, PlanCache(PlanWalls.of)
+    rng, done, arrays_of, seeds = np.random.default_rng(seed), 0, PlanCache(PlanWalls.of), seeds_of("train", SEEDS)
     while done < count:
         kind = str(rng.choice(KINDS))
-        plan, other = _plan(kind, rng), _plan(kind, rng)
+        plan, other = (generated(kind, int(rng.choice(seeds[kind]))).graph for _ in range(2))
         foreign = rng.random() < FOREIGN
         rooms = ROOMS[int(rng.integers(len(ROOMS)))]
         drawn = draw(other if foreign else plan, str(rng.choice(NOISE)), rng, rooms)
@@ -86,16 +81,6 @@ def answers_on(count: int, seed: int) -> Iterator[Answer]:
         if len(found):
             done += 1
             yield _answer(found, replace(drawn, rooms={}, wall_surfaces={}) if foreign else drawn)
-
-
-@cache
-def _generated(kind: str, seed: int) -> SceneGraph:
-    return generate_plan(kind, seed).graph
-
-
-def _plan(kind: str, rng: np.random.Generator) -> SceneGraph:
-    seeds = [k for k in range(SEEDS) if split_of(f"generated/{kind}_{k}") == "train"]
-    return _generated(kind, int(rng.choice(seeds)))
 
 
 def _answer(found: Hypotheses, truth: DrawnGraph) -> Answer:
@@ -148,16 +133,13 @@ def _logistic(features: Array, true: Array) -> Array:
     columns = np.column_stack(((features - mean) / deviation, np.ones(len(features))))
 
     def loss(weight: Array) -> float:
-        return _loss(columns @ weight, true) + RIDGE * float(weight[:-1] @ weight[:-1])
+        log_odds = columns @ weight
+        surprise = float(np.mean(np.logaddexp(0, log_odds) - true * log_odds))
+        return surprise + RIDGE * float(weight[:-1] @ weight[:-1])
 
     weight = minimize(loss, np.zeros(columns.shape[1])).x
     slope = weight[:-1] / deviation
     return np.append(slope, weight[-1] - slope @ mean)
-
-
-def _loss(log_odds: Array, true: Array) -> float:
-    """Mean negative log likelihood."""
-    return float(np.mean(np.logaddexp(0, log_odds) - true * log_odds))
 
 
 if __name__ == "__main__":

@@ -17,10 +17,8 @@ from matching.proposals.features import GraphFeatures, map_features, plan_featur
 
 NOISE_SHARES = {"real": 0.32, "drift": 0.36, "mis_segmented": 0.26, "paper": 0.06}
 ROOMS: dict[int | None, float] = {1: 0.06, 2: 0.18, 3: 0.16, 4: 0.2, 6: 0.16, 9: 0.17, None: 0.07}
-KIND_SHARES = {
-    "apartment": 0.22, "office": 0.16, "corridor": 0.14, "l_shape": 0.14, "skewed": 0.12, "mirrored_twins": 0.08,
-    "tower": 0.12, "campus": 0.02,
-}  # fmt: skip
+KINDS = ("apartment", "office", "corridor", "l_shape", "skewed", "mirrored_twins", "tower", "campus")
+KIND_SHARES = (0.22, 0.16, 0.14, 0.14, 0.12, 0.08, 0.12, 0.02)
 FROM_FILES = 0.3
 FOREIGN = 0.04  # share of maps of another plan, without any match
 LENGTHLESS, ROOMLESS = 0.05, 0.04
@@ -51,14 +49,15 @@ class Batch:
 
 @dataclass(frozen=True)
 class Drawing:
-    """The source of batches: plans from files, and generated ones by kind and seed."""
+    """The source of batches: plans from files, and generated ones by kind and seed; `seed` is that of the draws."""
 
     plans: tuple[Plan, ...]
     seeds: Mapping[str, tuple[int, ...]]
+    seed: int
 
-    def batch(self, seed: int, step: int) -> Batch:
+    def __getitem__(self, step: int) -> Batch:
         """Returns the batch of one step."""
-        rng = np.random.default_rng([seed, step])
+        rng = np.random.default_rng([self.seed, step])
         groups: list[tuple[SceneGraph, list[DrawnGraph]]] = []
         while len(groups) < PLANS:
             most = int(LEAST_WALLS * (MOST_WALLS / LEAST_WALLS) ** rng.random())
@@ -72,8 +71,8 @@ class Drawing:
         """Returns a random plan."""
         if self.plans and (not self.seeds or rng.random() < FROM_FILES):
             return self.plans[int(rng.integers(len(self.plans)))]
-        kind = str(rng.choice(list(KIND_SHARES), p=list(KIND_SHARES.values())))
-        return _generated(kind, self.seeds[kind][int(rng.integers(len(self.seeds[kind])))])
+        kind = str(rng.choice(KINDS, p=KIND_SHARES))
+        return generated(kind, self.seeds[kind][int(rng.integers(len(self.seeds[kind])))])
 
     def _draw(self, a: SceneGraph, rng: np.random.Generator) -> DrawnGraph | None:
         foreign = rng.random() < FOREIGN
@@ -93,13 +92,12 @@ class Drawing:
 
 def seeds_of(split: Split, below: int) -> dict[str, tuple[int, ...]]:
     """The seeds below a number whose generated buildings are in a split, by kind."""
-    return {
-        kind: tuple(k for k in range(below) if split_of(f"generated/{kind}_{k}") == split) for kind in KIND_SHARES
-    }  # fmt: skip
+    return {kind: tuple(k for k in range(below) if split_of(f"generated/{kind}_{k}") == split) for kind in KINDS}
 
 
 @lru_cache(maxsize=2048)
-def _generated(kind: str, seed: int) -> Plan:
+def generated(kind: str, seed: int) -> Plan:
+    """A generated plan, the same object for the same seed."""
     return generate_plan(kind, seed)
 
 
@@ -159,13 +157,9 @@ def part(a: SceneGraph, most: int, rng: np.random.Generator) -> SceneGraph:
     floors = {middle.floor}
     if others and rng.random() < 0.4:
         floors.add(others[int(rng.integers(len(others)))])
-    kept: set[str] = set()
-    count = 0
-    for r in sorted((r for r in a.rooms if r.floor in floors), key=lambda r: math.dist(r.centroid, middle.centroid)):
-        if kept and count > most:
-            break
-        kept.add(r.id)
-        count += len(a.surfaces_of_room[r.id])
+    near = sorted((r for r in a.rooms if r.floor in floors), key=lambda r: math.dist(r.centroid, middle.centroid))
+    walls = np.cumsum([len(a.surfaces_of_room[r.id]) for r in near])
+    kept = {r.id for r in near[: 1 + np.searchsorted(walls, most, side="right")]}
     doors = [replace(d, rooms=tuple(r for r in d.rooms if r in kept)) for d in a.doors if kept.intersection(d.rooms)]
     return SceneGraph(
         a.frame,
@@ -176,12 +170,12 @@ def part(a: SceneGraph, most: int, rng: np.random.Generator) -> SceneGraph:
     )
 
 
-def held_out(drawing: Drawing, seed: int) -> dict[str, Batch]:
-    """Returns a batch for each noise model and number of rooms, of unmodified plans; the same for the same seed."""
+def held_out(drawing: Drawing) -> dict[str, Batch]:
+    """Returns a batch for each noise model and number of rooms, of unmodified plans."""
     found = {}
     for k, noise in enumerate(HELD_OUT_NOISE):
         for m, rooms in enumerate(HELD_OUT_ROOMS):
-            rng = np.random.default_rng([seed, k, m])
+            rng = np.random.default_rng([drawing.seed, k, m])
             groups: list[tuple[SceneGraph, list[DrawnGraph]]] = []
             while len(groups) < HELD_OUT_PLANS:
                 a = part(drawing.plan(rng).graph, MOST_WALLS, rng)

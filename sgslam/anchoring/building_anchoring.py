@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph
-from matching.protocol import AnyMatcher, Match
+from matching.result import AnyMatcher, MatchResult
 from sgslam.anchoring.anchor_log import AnchorRecord
 from sgslam.anchoring.floor_anchoring import FloorAnchoring
 from sgslam.anchoring.floor_matching import differ
@@ -92,7 +92,7 @@ class BuildingAnchoring:
         return self.committed is None and any(own.awaits_confirmation for own in self._of.values())
 
     @property
-    def newest_matches(self) -> dict[int, Match]:
+    def newest_matches(self) -> dict[int, MatchResult]:
         """The newest answer of the matcher for each floor that was matched."""
         return {number: own.match for number, own in self._of.items() if own.match is not None}
 

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph
-from matching.protocol import AnyMatcher, Match
-from matching.result import MatchResult
+from matching.result import AnyMatcher, MatchResult
 from sgslam.anchoring.anchor_log import AnchorLog, AnchorStatus, Key
 from sgslam.anchoring.anchored_rooms import anchor_statuses, matched_rooms, planned_walls, room_anchors
 from sgslam.anchoring.floor_matching import FloorMatching, PlacedMatch, differ
@@ -58,12 +57,12 @@ class FloorAnchoring(Stateful):
             part.restore(state[name])
 
     @property
-    def match(self) -> Match | None:
+    def match(self) -> MatchResult | None:
         """The newest answer of the matcher; None before the first."""
         return self.matching.match
 
     @property
-    def committed(self) -> Match | None:
+    def committed(self) -> MatchResult | None:
         """The answer that the anchors stand on; None where there is none."""
         return self.commitment.match
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from data import SceneGraph
 from data.scene_graph.motion import mirrored
-from matching.protocol import AnyMatcher, Match
+from matching.result import AnyMatcher, MatchResult
 from sgslam.anchoring.match_history import MapSize, UniqueMatch
 from sgslam.anchoring.place_verification import (
     CONFLICT_REASON,
@@ -46,7 +46,7 @@ _SEVERAL = 8  # matched wall surfaces, about two rooms', for an answer to confir
 class PlacedMatch:
     """A unique answer with the place (3,), T_local_level, that its walls agree on; `by_room`: found room by room."""
 
-    match: Match
+    match: MatchResult
     place: Floats
     by_room: bool
 
@@ -68,7 +68,7 @@ class FloorMatching(Stateful):
         self._is_given = False  # whether the storey follows from a statement of the user
         self.storey: str | None = None
         self.possible_storeys: list[str] = []
-        self.match: Match | None = None
+        self.match: MatchResult | None = None
         self.scene: Scene | None = None
         self.rejection = ""
         self.count = 0
@@ -90,7 +90,7 @@ class FloorMatching(Stateful):
         """Matches only this storey from now on, beginning with the next update."""
         self.storey, self._size = storey, MapSize()
 
-    def take_over(self, match: Match, scene: Scene, storey: str) -> None:
+    def take_over(self, match: MatchResult, scene: Scene, storey: str) -> None:
         """Makes an answer that follows from other floors the newest one."""
         self.match, self.scene, self.storey = match, scene, storey
 
@@ -207,7 +207,7 @@ class FloorMatching(Stateful):
             return same and is_strong(match) and now.has_more_evidence_than(first)
         return same and first.is_confirmable(keyframes)
 
-    def _verified_place(self, match: Match, scene: Scene, walls: WallMap) -> Floats | None:
+    def _verified_place(self, match: MatchResult, scene: Scene, walls: WallMap) -> Floats | None:
         """The place (3,), T_local_level, that most matched walls agree on; None if the answer is rejected."""
         assert match.T_a_s is not None  # a unique answer has a motion
         place, origin = None, self._plan.origin[:2]

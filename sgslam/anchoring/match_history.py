@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph
-from matching.protocol import Match
+from matching.result import MatchResult
 from sgslam.anchoring.anchor_log import Key
 from sgslam.anchoring.wall_alignment import planar_pose
 from sgslam.geometry.frames import inverse
@@ -70,7 +70,7 @@ class Commitment(Stateful):
     _STATE = ("match", "place", "pairs", "follows", "other_confidence", "replaced")
 
     def __init__(self) -> None:
-        self.match: Match | None = None
+        self.match: MatchResult | None = None
         self.place: Floats = np.zeros(3)
         self.pairs: set[Key] = set()
         self.follows = False
@@ -88,7 +88,7 @@ class Commitment(Stateful):
         given = self.match.wall_surfaces if self.match is not None else ()
         return min((c for _, _, c in given), default=self.other_confidence)
 
-    def commit(self, match: Match, place: Floats, scene: Scene) -> None:
+    def commit(self, match: MatchResult, place: Floats, scene: Scene) -> None:
         """Commits to a unique match at a place (3,), T_local_level."""
         self.match, self.place, self.follows = match, place, False
         self.pairs = {(scene.wall_of_surface[s], a) for s, a, _ in match.wall_surfaces}

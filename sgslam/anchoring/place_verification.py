@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph
-from matching.protocol import Match
 from matching.result import Hypothesis, MatchResult
 from sgslam.anchoring.free_space_conflict import conflict_share
 from sgslam.anchoring.wall_association import WallArrays, associate_walls
@@ -42,36 +41,36 @@ class CandidatePlace:
     floor: str | None
 
 
-def candidate_places(match: Match) -> list[CandidatePlace]:
+def candidate_places(match: MatchResult) -> list[CandidatePlace]:
     """The hypotheses of a matcher's answer, in their order."""
     hypotheses = match.to_dict().get("hypotheses") or ()
     return [CandidatePlace(float(h["score"]), np.array(h["T_a_s"], dtype=float), h["floor"]) for h in hypotheses]
 
 
-def is_clear(match: Match) -> bool:
+def is_clear(match: MatchResult) -> bool:
     """Whether an answer is unique without a close alternative."""
     alternative = max((place.score for place in candidate_places(match)[1:]), default=0.0)
     clear = alternative < _ALTERNATIVE_SHARE * evidence(match)
     return match.status == "unique" and evidence(match) >= _LEAST and clear
 
 
-def is_strong(match: Match) -> bool:
+def is_strong(match: MatchResult) -> bool:
     """Whether an answer about a map that lacks rooms may be accepted once a larger map confirms it."""
     return match.status == "unique" and evidence(match) >= _MIN_STRONG
 
 
-def is_overwhelming(match: Match) -> bool:
+def is_overwhelming(match: MatchResult) -> bool:
     """Whether such an answer may be accepted without a confirmation."""
     return match.status == "unique" and evidence(match) >= _MIN_OVERWHELMING
 
 
-def evidence(match: Match) -> float:
+def evidence(match: MatchResult) -> float:
     """The evidence (nats) of an answer's best hypothesis; 0 without hypotheses."""
     return max((place.score for place in candidate_places(match)), default=0.0)
 
 
 def verified_match(
-    match: Match, s: SceneGraph, plan: Callable[[str | None], SceneGraph], settings: AnchorSettings
+    match: MatchResult, s: SceneGraph, plan: Callable[[str | None], SceneGraph], settings: AnchorSettings
 ) -> MatchResult:
     """The answer about a map that lacks rooms, from the hypotheses of `match` that have no free-space conflict.
 

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from data import SceneGraph
 from data.geometry import se2
-from matching.protocol import Match
 from matching.result import MatchResult
 from sgslam.anchoring.free_space_conflict import conflict_share
 from sgslam.anchoring.place_verification import (
@@ -31,7 +30,7 @@ SAME = 1.0, np.radians(5)  # m and rad between the places of two rooms that agre
 
 
 def relocalise_by_rooms(
-    s: SceneGraph, ask: Callable[[SceneGraph], Match], plan: Callable[[str | None], SceneGraph],
+    s: SceneGraph, ask: Callable[[SceneGraph], MatchResult], plan: Callable[[str | None], SceneGraph],
     settings: AnchorSettings,
 ) -> MatchResult | None:  # fmt: skip
     """The place that all recognised rooms of an S-graph agree on; None where there is none.

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import Floor, SceneGraph, UserError
-from matching.protocol import Match
+from matching.result import MatchResult
 
 Floats = NDArray[np.float64]
 Assignment = dict[int, str]  # floor of the map -> storey of the plan
@@ -63,7 +63,7 @@ class JointMatch:
     """The assignment that explains all floors of a map at one place, with each floor's answer on its storey."""
 
     assigned: Assignment
-    answers: dict[int, Match]
+    answers: dict[int, MatchResult]
     reason: str
 
 
@@ -76,7 +76,7 @@ class _Place:
 
 
 def match_jointly(
-    graphs: dict[int, SceneGraph], possible: list[Assignment], ask: Callable[[int, str], Match]
+    graphs: dict[int, SceneGraph], possible: list[Assignment], ask: Callable[[int, str], MatchResult]
 ) -> JointMatch | None:  # fmt: skip
     """The assignment and place that explain several floors clearly better than any other; None where there is none.
 
@@ -120,7 +120,7 @@ def _places(
     return places
 
 
-def _hypotheses(answer: Match) -> list[tuple[float, Floats]]:
+def _hypotheses(answer: MatchResult) -> list[tuple[float, Floats]]:
     hypotheses = answer.to_dict().get("hypotheses") or ()
     return [(float(h["score"]), np.array(h["T_a_s"], dtype=float)) for h in hypotheses]
 

@@ -6,7 +6,7 @@ from threading import Timer
 from typing import Any
 
 from data.common.compiling import once_on_two_cores
-from matching.self_test import make_ready
+from matching.matcher import make_ready
 from sgslam.odometry.self_test import register
 
 _SILENT = 5.0  # s without output, after which a message explains the delay

@@ -64,12 +64,13 @@ def _opencv() -> None:
 
 
 def _weights() -> None:
+    from data.generation.buildings import generate_plan
     from matching import Matcher
-    from matching.self_test import three_rooms
 
     Matcher.load("learned")
     if all(find_spec(needed) for needed in ("torch", "safetensors")):
-        Matcher.load("paper").match(three_rooms(), three_rooms())
+        plan = generate_plan("apartment", 0).graph
+        Matcher.load("paper").match(plan, plan)
 
 
 SELF_TESTS: dict[str, Callable[[], None]] = {

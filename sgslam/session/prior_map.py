@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph, UserError
-from matching.protocol import AnyMatcher
+from matching.result import AnyMatcher
 from sgslam.anchoring import BuildingAnchoring, align_walls
 from sgslam.anchoring.wall_alignment import planar_pose
 from sgslam.backend import Backend

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from data import SceneGraph
 from matching import Matcher
-from matching.protocol import AnyMatcher
+from matching.result import AnyMatcher
 from sgslam.anchoring import BuildingAnchoring, floor_named
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse

@@ -1,5 +1,6 @@
 """An immutable snapshot of a run between two scans, for viewers."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -35,7 +36,7 @@ class Snapshot:
     plan: SceneGraph | None
     T_plan_map: Floats | None
     matches: dict[str, Any] | None
-    hypotheses: tuple[tuple[str, dict[str, Any]], ...]
+    hypotheses: tuple[tuple[str, Mapping[str, Any]], ...]
     reason: str
     clouds: KeyframeClouds
 

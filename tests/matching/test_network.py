@@ -153,6 +153,6 @@ def test_what_is_not_a_network_is_refused_in_one_line(tmp_path: Path, file: Path
 
 def test_a_missing_file_and_weights_for_a_method_without_them_are_named(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"missing\.onnx"):
-        Matcher.load("learned", weights=tmp_path / "missing.onnx")
+        Matcher.load(f"learned@{tmp_path / 'missing.onnx'}")
     with pytest.raises(UserError, match="takes no weights"):
-        Matcher.load("voting", weights=tmp_path / "missing.onnx")
+        Matcher.load(f"voting@{tmp_path / 'missing.onnx'}")

@@ -1,6 +1,8 @@
 """Training of the learned proposals: data, learning, resuming, files, mistakes."""
 
 import json
+from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -9,16 +11,16 @@ import torch
 from commands import refused
 from plans import a_graph, flat
 
+from data import UserError
 from data.plans.sources import Plan
 from data.synthetic_maps.noise_models import draw
 from matching import Matcher
 from matching.proposals.network import MatchingNetwork, Settings
+from matching.train import batches
+from matching.train import main as train_command
 from matching.training.data import Drawing, batch_of
 from matching.training.export import save_network
-from matching.training.loss import loss, measures, run
-from matching.training.report import write_card
-from matching.training.stream import batches
-from matching.training.trainer import Limits, Training, train
+from matching.training.trainer import Training, loss, measures, run, train
 
 TINY = Settings(width=16, layers=1, candidates=4, rounds=1, state=16)
 GRAPHS = [a_graph(flat(np.random.default_rng(k), 9, 7)) for k in range(3)]
@@ -32,46 +34,40 @@ def _one_thread() -> None:
 
 @pytest.fixture(scope="module")
 def drawing() -> Drawing:
-    return Drawing(tuple(Plan(f"p{k}", f"b{k}", g) for k, g in enumerate(GRAPHS)), {})
+    return Drawing(tuple(Plan(f"p{k}", f"b{k}", g) for k, g in enumerate(GRAPHS)), {}, 5)
 
 
 @pytest.mark.slow
 def test_a_step_has_the_same_batch_whoever_draws_it(drawing: Drawing, scheduler: str) -> None:
-    with batches(drawing, 5, 1, 0) as here:
-        expected = [next(here) for _ in range(3)]
+    expected = list(islice(batches(drawing, 1, 0), 3))
     for workers, cluster in ((2, None), (1, scheduler)):
-        with batches(drawing, 5, 1, workers, cluster) as there:
-            for one in expected:
-                other = next(there)
-                assert all(np.array_equal(p.edge, q.edge) for p, q in zip(one.plans, other.plans, strict=True))
-                assert all(np.array_equal(p.walls, q.walls) for p, q in zip(one.pairs, other.pairs, strict=True))
+        for one, other in zip(expected, batches(drawing, 1, workers, cluster), strict=False):
+            assert all(np.array_equal(p.edge, q.edge) for p, q in zip(one.plans, other.plans, strict=True))
+            assert all(np.array_equal(p.walls, q.walls) for p, q in zip(one.pairs, other.pairs, strict=True))
     assert not np.array_equal(expected[0].pairs[0].walls, expected[1].pairs[0].walls)
     assert any((pair.walls >= 0).any() for pair in expected[0].pairs)
 
 
 @pytest.mark.slow
 def test_training_goes_on_after_a_kill_as_if_it_had_not_been(drawing: Drawing, tmp_path: Path) -> None:
-    watched = {"some": drawing.batch(99, 0)}
+    watched = {"some": drawing[99]}
 
-    def ran(training: Training, killed_at: int | None = None) -> Training:
-        def on_evaluation(row: dict[str, float]) -> None:
-            if row["step"] == killed_at:
-                training.save(tmp_path / "checkpoint.pt")
-                raise KeyboardInterrupt
+    def rows(training: Training) -> Iterator[dict[str, float]]:
+        return train(training, batches(drawing, training.step, 0), watched, 4, 2)
 
-        with batches(drawing, 0, training.step, 0) as stream:
-            train(training, stream, watched, Limits(4, every=2, patience=9), on_evaluation)
-        return training
-
-    whole = ran(Training.begin(TINY, 0, "cpu"))
-    with pytest.raises(KeyboardInterrupt):
-        ran(Training.begin(TINY, 0, "cpu"), killed_at=2)
+    whole = Training.begin(TINY, 0, "cpu")
+    assert len(list(rows(whole))) == 2
+    killed = Training.begin(TINY, 0, "cpu")
+    next(rows(killed))
+    killed.save(tmp_path / "checkpoint.pt")
     again = Training.begin(TINY, 1, "cpu")
     again.load(tmp_path / "checkpoint.pt")
-    ran(again)
+    assert len(list(rows(again))) == 1
     assert [r["loss"] for r in again.curve] == [r["loss"] for r in whole.curve]
     for one, other in zip(again.network.parameters(), whole.network.parameters(), strict=True):
         assert torch.equal(one, other)
+    with pytest.raises(UserError, match="of another network"):
+        Training.begin(Settings(width=8), 0, "cpu").load(tmp_path / "checkpoint.pt")
 
 
 def test_a_pair_is_learned_and_the_network_matches(tmp_path: Path) -> None:
@@ -79,7 +75,7 @@ def test_a_pair_is_learned_and_the_network_matches(tmp_path: Path) -> None:
     training = Training.begin(TINY, 0, "cpu")
     losses = [training.learn(batch, 0.0) for _ in range(30)]
     assert losses[-1] < 0.9 * losses[0] and measures(run(training.network, batch))["within"] > 0.5
-    save_network(tmp_path, training.best_network())
+    save_network(tmp_path, training.average)
     result = Matcher.load(f"learned@{tmp_path / 'learned.onnx'}").match(DRAWN.s_graph, GRAPHS[2])
     assert result.status in ("unique", "ambiguous", "none")
 
@@ -93,13 +89,16 @@ def test_pairs_of_a_batch_do_not_influence_each_other_but_for_the_reverse_direct
     assert torch.equal(loss(one), loss(other)) and measures(one) == measures(other)
 
 
-def test_the_card_is_beside_the_weights(tmp_path: Path) -> None:
-    write_card(tmp_path, {"seed": 3})
-    card = json.loads((tmp_path / "model_card.json").read_text())
-    assert card["seed"] == 3 and "commit" in card
+@pytest.mark.slow
+def test_the_command_writes_network_curve_and_card(tmp_path: Path) -> None:
+    train_command(["--out", str(tmp_path), "--steps", "1", "--workers", "0"])
+    card, curve = json.loads((tmp_path / "model_card.json").read_text()), (tmp_path / "curve.csv").read_text()
+    assert card["seed"] == 0 and card["data"]["batches"] == 1 and card["sgslam"]
+    assert 0 <= card["held_out"]["walls"] <= 1 and len(curve.splitlines()) == 2
+    assert Matcher.load(f"learned@{tmp_path / 'learned.onnx'}").match(DRAWN.s_graph, GRAPHS[2]).reason
 
 
 @pytest.mark.slow
 def test_mistakes_give_one_line(tmp_path: Path) -> None:
-    for arguments in (("--plans", tmp_path / "none"), ("--device", "abacus"), ("--steps", "0")):
+    for arguments in (("--plans", tmp_path / "none"), ("--steps", "0")):
         refused("matching.train", "--out", tmp_path / "out", *arguments)

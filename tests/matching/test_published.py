@@ -1,6 +1,7 @@
 """The published matcher: what its paper says of it, its training, its answers, its files."""
 
 import csv
+import json
 import sys
 from functools import partial
 from pathlib import Path
@@ -16,10 +17,10 @@ import matching
 from data import UserError
 from data.synthetic_maps.noise_models import draw
 from matching import Matcher, MatchResult
-from matching.published.data import laid_out
 from matching.published.matcher import load_paper_network
 from matching.published.network import PRESETS, PaperNetwork, soft_assignment
 from matching.published.train import main as train_command
+from matching.published.trainer import laid_out
 
 PLAN = a_graph(flat(np.random.default_rng(3), 10, 8))
 
@@ -61,7 +62,9 @@ def test_training_learns_and_the_same_seed_gives_the_same_file(tmp_path: Path) -
         losses = [float(row["loss"]) for row in csv.DictReader(file)]
     assert len(losses) == 3 and losses[-1] < losses[0]
     assert load_paper_network(tmp_path / "one/paper.safetensors").settings == PRESETS["repository"]
-    Matcher.load("paper", tmp_path / "one/paper.safetensors").match(PLAN, PLAN)
+    Matcher.load(f"paper@{tmp_path}/one/paper.safetensors").match(PLAN, PLAN)
+    card = json.loads((tmp_path / "one/model_card.json").read_text())
+    assert card["data"]["files"] == [] and sum(card["data"]["pairs"]) == 12  # the form that evaluations read
 
 
 def test_mistakes_are_named(tmp_path: Path) -> None:
@@ -77,9 +80,9 @@ def test_mistakes_are_named(tmp_path: Path) -> None:
     (tmp_path / "wider.safetensors").write_bytes(shipped[:8] + wider)
     for name in ("text", "short", "other", "wider", "none"):
         with pytest.raises(UserError, match=f"{name}.safetensors"):
-            Matcher.load("paper", tmp_path / f"{name}.safetensors")
+            Matcher.load(f"paper@{tmp_path}/{name}.safetensors")
     with pytest.raises(UserError, match=tmp_path.name):
-        Matcher.load("paper", tmp_path)
+        Matcher.load(f"paper@{tmp_path}")
 
 
 @pytest.mark.parametrize("missing", ["torch", "safetensors"])

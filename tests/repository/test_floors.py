@@ -20,8 +20,7 @@ HOMES = {"torch": "matching", "ifcopenshell": "data"}
 FLOORS = {  # sub-packages and modules of each package, the lowest first
     "data": "common bags geometry scene_graph trajectory imu scans streams slam_output ifc plans datasets generation "
     "simulation synthetic_maps simulate",
-    "matching": "protocol result start arrays engine proposals training published "
-    "combinatorial ambiguity matcher match train self_test",
+    "matching": "result arrays engine proposals training published combinatorial ambiguity matcher match train",
     "factors": "noise planes rooms bim protocols match_checks anchors",
     "sgslam": "own_packages config geometry serialization perception inertial surfels registration odometry mapping "
     "backend loops tracking anchoring adjustment as_built cloud_to_model report session slam "

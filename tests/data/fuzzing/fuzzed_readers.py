@@ -17,6 +17,7 @@ from g2o_files import drawn_graph
 from small_ifc import write_small_ifc
 from trimesh import load as load_mesh
 
+from data.generation.buildings import generate_plan
 from data.ifc.guard import read_guarded
 from data.imu import ImuSamples, read_imu, write_imu
 from data.plans import load_bim, read_plans
@@ -29,7 +30,6 @@ from data.streams import McapPipe
 from data.trajectory.readers import read_poses
 from data.trajectory.stamps import read_times
 from matching.proposals.learned import LearnedProposer
-from matching.self_test import three_rooms, write_small_network
 from sgslam.config import Config
 from sgslam.config.loading import load_config, save_config
 from sgslam.serialization import read_state, write_state
@@ -103,9 +103,14 @@ def _lines(form: str, folder: Path) -> list[bytes]:
     return ["".join(form.replace("{k}", str(k)) for k in range(10)).encode()]
 
 
-def _network(folder: Path) -> list[bytes]:
-    write_small_network(folder / "a.onnx")  # the one that is shipped has more weights than form
-    return [(folder / "a.onnx").read_bytes()]
+def _network(_: Path) -> list[bytes]:
+    import torch
+
+    from matching.proposals.network import MatchingNetwork, Settings
+    from matching.training.export import to_onnx
+
+    torch.manual_seed(0)  # the one that is shipped has more weights than form
+    return [to_onnx(MatchingNetwork(Settings(width=8, layers=1, candidates=4, more=2, state=4)))]
 
 
 def _state(folder: Path) -> list[bytes]:
@@ -114,7 +119,7 @@ def _state(folder: Path) -> list[bytes]:
 
 
 SETTINGS = (save_config(Config()).encode(), b"odometry: {voxel_size: 0.4}\nkeyframes:\n  distance: 0.5\n")
-GRAPH = json.dumps(three_rooms().to_dict()).encode()
+GRAPH = json.dumps(generate_plan("apartment", 4).graph.to_dict()).encode()
 
 
 def _all() -> Iterator[Reader]:

@@ -11,7 +11,6 @@ from data import Floor, SceneGraph, WallSurface
 from data.geometry import se2
 from data.scene_graph.motion import moved
 from matching import MatchResult
-from matching.protocol import Match
 from matching.result import Hypothesis
 from sgslam.anchoring.place_verification import (
     CandidatePlace,
@@ -86,7 +85,7 @@ def unique(*scores: float) -> MatchResult:
     ],
 )
 def test_an_answer_is_clear_or_strong_by_its_evidence(
-    judge: Callable[[Match], bool], enough: list[tuple[float, ...]], too_little: list[tuple[float, ...]]
+    judge: Callable[[MatchResult], bool], enough: list[tuple[float, ...]], too_little: list[tuple[float, ...]]
 ) -> None:
     assert all(judge(unique(*scores)) for scores in enough)
     assert not any(judge(unique(*scores)) for scores in too_little)
