@@ -10,9 +10,9 @@ from typing import Any
 from data import SceneGraph
 from data.synthetic_maps.exploration import storeys_of
 from matching import Matcher
-from matching.ambiguity import MatchCache, PlanIssue, RoomsToLocalise, SelfSimilarity, SimilarPlace, plan_issues
-from matching.ambiguity.plan_checks import count_walls, walls_without_room
-from matching.ambiguity.rooms_to_localise import rooms_to_localise
+from matching.ambiguity.plan_checks import PlanIssue, count_walls, plan_issues, walls_without_room
+from matching.ambiguity.rooms_to_localise import MatchCache, RoomsToLocalise, rooms_to_localise
+from matching.ambiguity.symmetries import SelfSimilarity, SimilarPlace
 
 BLOCK = 12  # start rooms of a storey that share results on perfect maps, with any number of processes
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
