@@ -25,8 +25,11 @@ from matching.protocol import AnyMatcher, Match
 NEAR_M, NEAR_RAD = 0.5, float(np.radians(5))  # from the true pose, at the map's centroid
 STOP_AHEAD, STOP_BEHIND = 4, 5  # trials stop when this many more maps are localised than not, or fewer
 CLEAR_SHARE = 0.75  # of the maps
+SINGLE_STEPS = 8  # up to this many rooms each count is tested
+STEP_GROWTH = 1.15  # ratio of successive counts above
 
 Rooms = frozenset[int]  # indices into the storey's rooms
+Outcome = Literal["known", "never", "not found", "no walls"]
 
 
 @dataclass(frozen=True)
@@ -59,7 +62,8 @@ class Trials:
 
 @dataclass
 class MatchCache:
-    """Draws maps of rooms of one storey, matches them and caches the results; at most `max_maps` for each set of rooms.
+    """Draws maps of rooms of one storey, matches them and caches the results, since walks from different rooms see the
+    same rooms; at most `max_maps` for each set of rooms.
 
     `index` is the storey's place in `storeys_of`. Each map depends on the seed, the storey, the rooms and its number
     alone, not on earlier calls.
@@ -71,23 +75,14 @@ class MatchCache:
     matcher: AnyMatcher
     seed: int
     max_maps: int
+    _perfect: dict[Rooms, bool] = field(default_factory=dict)
     _trials: dict[Rooms, Trials] = field(default_factory=dict)
-    _sufficient: list[Rooms] = field(default_factory=list)
-    _insufficient: list[Rooms] = field(default_factory=list)
 
     def localises_perfect_map(self, rooms: Rooms) -> bool:
-        """Whether the matcher localises a perfect map of these rooms.
-
-        Adding rooms to a localised map keeps it localised, and removing rooms from one that is not does not help:
-        results that follow from earlier ones are not computed.
-        """
-        if any(rooms >= fewer for fewer in self._sufficient):
-            return True
-        if any(rooms <= more for more in self._insufficient):
-            return False
-        localised = self._localises(perfect_map(self.a, {self.storey.rooms[k].id for k in rooms}))
-        (self._sufficient if localised else self._insufficient).append(rooms)
-        return localised
+        """Whether the matcher localises a perfect map of these rooms."""
+        if rooms not in self._perfect:
+            self._perfect[rooms] = self._localises(perfect_map(self.a, {self.storey.rooms[k].id for k in rooms}))
+        return self._perfect[rooms]
 
     def trials(self, rooms: Rooms) -> Trials:
         """Results on maps with the noise of real scans, drawn until the majority is decided."""
@@ -98,33 +93,22 @@ class MatchCache:
             self._trials[rooms] = now
         return self._trials[rooms]
 
-    def clear_perfect_maps(self) -> None:
-        """Discards the results on perfect maps, so that nothing is inferred from them."""
-        self._sufficient.clear()
-        self._insufficient.clear()
-
     def _map(self, rooms: Rooms, number: int) -> DrawnGraph:
         order = sorted(rooms)
         rng = np.random.default_rng((self.seed, self.index, number, *order))
         return draw_walk(self.storey, Walk(tuple(order), (-1,) * len(order)), "real", rng)
 
     def _localises(self, drawn: DrawnGraph) -> bool:
-        return bool(drawn.s_graph.wall_surfaces) and is_correct(self.matcher.match(drawn.s_graph, self.a), drawn)
+        return bool(drawn.s_graph.wall_surfaces) and _is_correct(self.matcher.match(drawn.s_graph, self.a), drawn)
 
 
-def is_correct(result: Match, drawn: DrawnGraph) -> bool:
+def _is_correct(result: Match, drawn: DrawnGraph) -> bool:
     """Whether the match is unique and within 0.5 m and 5 degrees of the true pose."""
     if result.status != "unique" or result.T_a_s is None or result.floor != drawn.floor:
         return False
     estimate, true, middle = np.array(result.T_a_s), np.array(drawn.T_a_s), drawn.s_graph.centroid()
     error = float(np.hypot(*(se2.apply(estimate, middle) - se2.apply(true, middle))))
     return error < NEAR_M and abs(float(se2.wrap(estimate[:1] - true[:1])[0])) < NEAR_RAD
-
-
-SINGLE_STEPS = 8  # up to this many rooms each count is tested
-STEP_GROWTH = 1.15  # ratio of successive counts above
-
-Outcome = Literal["known", "never", "not found", "no walls"]
 
 
 @dataclass(frozen=True)
@@ -152,13 +136,12 @@ def rooms_to_localise(cache: MatchCache, start: int, similarity: SelfSimilarity)
     """The result for the start room of that index in the cache's storey; `similarity` is the A-graph's."""
     storey = cache.storey
     walk, by_doors = nearest_first(storey, start)
-    order = walk.rooms
+    order, room = walk.rooms, storey.rooms[start].id
 
     def result(
         outcome: Outcome, rooms: int | None, if_perfect: int | None, trials: dict[int, Trials]
     ) -> RoomsToLocalise:
         rows = tuple((count, of.localised, of.total) for count, of in trials.items())
-        room = storey.rooms[start].id
         return RoomsToLocalise(room, storey.floor, outcome, rooms, if_perfect, rows, len(order), by_doors)
 
     if not len(storey.walls_of[start]):

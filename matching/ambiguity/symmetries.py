@@ -12,8 +12,7 @@ instead of marginal ones: 0.061 m across and 0.346 m at each end (`data.syntheti
 """
 
 from collections.abc import Collection
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -48,35 +47,33 @@ class Symmetry:
     nats: float
 
 
-def symmetries(seen: SceneGraph, plan: PlanWalls, deformed: bool = False) -> list[Symmetry]:
+def symmetries(seen: SceneGraph, plan: PlanWalls) -> list[Symmetry]:
     """Returns the symmetries of a perfect map's place, those hardest to tell from it first.
 
-    `seen` are rooms of one storey of the plan, with their walls, in the plan's frame and with its ids. Its rooms move
-    as one, or each by itself if the map is `deformed`. The symmetries are distinct in the same sense as the hypotheses
-    of a match.
+    `seen` are rooms of one storey of the plan, with their walls, in the plan's frame and with its ids; they move as
+    one. The symmetries are distinct in the same sense as the hypotheses of a match.
     """
     if not seen.wall_surfaces:
         return []
-    scene = scene_of(seen, plan, rigid=not deformed)
+    scene = scene_of(seen, plan, rigid=True)
     truth = guided(scene, _at_home(scene))
     places = alternative_placements(scene, truth.fields, truth.table[0])
     if not len(places):
         return []
     placed = polished(scene, guided(scene, places), LAST_SIGMAS)
-    fields = Fields(
-        *(np.concatenate((getattr(truth.fields, of), getattr(placed.fields, of))) for of in ("storey", "state"))
-    )
+    storey = np.concatenate((truth.fields.storey, placed.fields.storey))
+    fields = Fields(storey, np.concatenate((truth.fields.state, placed.fields.state)))
     table = np.concatenate((truth.table, placed.table))
     score = evidence(scene, fields, table, Chance.of(scene, fields, table), NOISE)
     nats = score[0] - score
     near = rigid(scene, fields, explained(scene, table, fields.state, SIGMA_SCORE))
     order = np.array([0, *(1 + np.argsort(nats[1:], kind="stable"))])
-    order = order[distinct(fields.storey[order], near[order])][1:]
+    order = order[distinct(storey[order], near[order])][1:]
     found = []
     for k in order[nats[order] < SURE].tolist():
-        storey = plan.storeys[int(fields.storey[k])]
-        yaw, x, y = between_graphs(scene.s, storey, near[k]).tolist()
-        found.append(Symmetry((yaw, x, y), storey.floor, max(float(nats[k]), 0.0)))
+        there = plan.storeys[int(storey[k])]
+        yaw, x, y = between_graphs(scene.s, there, near[k]).tolist()
+        found.append(Symmetry((yaw, x, y), there.floor, max(float(nats[k]), 0.0)))
     return found
 
 
@@ -92,7 +89,7 @@ class SimilarPlace:
     """Another place that a map of `rooms` fits: on storey `floor`, after a rotation by `rotation` (rad).
 
     `counterparts` are the rooms that lie there, one for each of `rooms`, None where there is none. `nats` is the
-    expected evidence against the place (see `matching.ambiguity.symmetries`).
+    expected evidence against the place.
     """
 
     rooms: tuple[str, ...]
@@ -100,10 +97,6 @@ class SimilarPlace:
     counterparts: tuple[str | None, ...]
     rotation: float
     nats: float
-
-    def to_dict(self) -> dict[str, Any]:
-        """Its form in inspection.json."""
-        return asdict(self)
 
 
 class SelfSimilarity:
@@ -137,5 +130,4 @@ class SelfSimilarity:
 
 
 def _room_at(storey: Storey, point: np.ndarray) -> str | None:
-    containing = (r.id for k, r in enumerate(storey.rooms) if storey.holds(k, point[None]))
-    return next(containing, None)
+    return next((r.id for k, r in enumerate(storey.rooms) if storey.holds(k, point[None])), None)
