@@ -3,7 +3,8 @@
 M. Shaheer, J. A. Millan-Romera, H. Bavle, J. L. Sanchez-Lopez, J. Civera, H. Voos: Graph-based Global Robot
 Localization Informing Situational Graphs with Architectural Graphs. IROS 2023, as its public code does it.
 
-1. Rooms: all assignments of S rooms to A rooms; of each the densest set whose distances agree; the largest sets.
+1. Rooms: all assignments of S rooms to A rooms; of each the densest set whose distances agree (CLIPPER); the largest
+   sets.
 2. Walls: for each pair of rooms in them, all assignments of their walls in the same way, about the rooms' centres.
 3. Combinations: every choice of wall sets for a set of rooms, scored by its mean affinity.
 4. Result: the best combination and all that tie with it. One is unique, several are symmetries.
@@ -12,6 +13,10 @@ Walls are infinite planes: lengths, doors, adjacency and floors play no part. Di
 mirror, so mirror images are found too. The search is exponential in rooms and factorial in walls. It differs from the
 published one as follows: random starts have a seed, rounding makes no angle undefined, an empty map gives a result,
 walls without a room are paired one to one, and a rigid motion is fitted to the pairs. Earlier maps are not remembered.
+
+P. C. Lusk, K. Fathian, J. P. How: CLIPPER: A Graph-Theoretic Framework for Robust Data Association. ICRA 2021.
+max u'Mu over unit u >= 0 with u_i u_j = 0 where i and j contradict each other (M_ij = 0): projected gradient ascent
+of u'(M - d C)u, C marking contradictions, with d raised until none is left.
 """
 
 import itertools
@@ -64,14 +69,6 @@ class Deadline:
             raise TimeIsUpError
 
 
-@dataclass(frozen=True)
-class AgreeingSet:
-    """Pairs that agree, and their score: 1 if entirely."""
-
-    pairs: Pairs
-    score: float
-
-
 def assignments(s: int, a: int, fits: NDArray[np.bool_] | None = None) -> Iterator[Index]:
     """Yields all ways to assign s data different ones of a data, (B, s) at a time; none if s is more than a.
 
@@ -84,9 +81,7 @@ def assignments(s: int, a: int, fits: NDArray[np.bool_] | None = None) -> Iterat
         yield of_a if fits is None else of_a[fits[of_a, np.arange(s)].all(axis=1)]
 
 
-def agreeing_sets(
-    assigned: Iterator[Index], affinity: Callable[[Index], Array], deadline: Deadline
-) -> list[AgreeingSet]:
+def agreeing_sets(assigned: Iterator[Index], affinity: Callable[[Index], Array], deadline: Deadline) -> list[Pairs]:
     """Returns the largest sets of pairs within the assignments whose score is above `LEAST_SCORE`, each once, in order
     of finding.
 
@@ -94,7 +89,7 @@ def agreeing_sets(
     TimeIsUpError.
     """
     rng = np.random.default_rng(0)  # the publication takes any seed; a fixed one gives the same answer each time
-    found: dict[Pairs, float] = {}
+    found: dict[Pairs, None] = {}
     longest = 0
     for of_a in assigned:
         deadline.check()
@@ -104,8 +99,8 @@ def agreeing_sets(
         longest = max(longest, int(size[score > LEAST_SCORE].max(initial=0)))
         for k in np.nonzero((score > LEAST_SCORE) & (size == longest))[0]:
             at = np.nonzero(chosen[k])[0]
-            found.setdefault(tuple(zip(at.tolist(), of_a[k, at].tolist(), strict=True)), float(score[k]))
-    return [AgreeingSet(pairs, score) for pairs, score in found.items() if len(pairs) == longest > 0]
+            found[tuple(zip(at.tolist(), of_a[k, at].tolist(), strict=True))] = None
+    return [pairs for pairs in found if len(pairs) == longest > 0]
 
 
 def densest(M: Array, rng: np.random.Generator, deadline: Deadline) -> tuple[Array, NDArray[np.bool_]]:
@@ -280,14 +275,13 @@ class Search:
             score[:, np.arange(n), np.arange(n)] = 1.0
             return score
 
-        found = agreeing_sets(assignments(n, len(self.a.rooms)), affinity, self.deadline)
-        return [x.pairs for x in found]
+        return agreeing_sets(assignments(n, len(self.a.rooms)), affinity, self.deadline)
 
-    def _wall_sets(self, r: int, q: int) -> list[AgreeingSet]:
+    def _wall_sets(self, r: int, q: int) -> list[Pairs]:
         """Sets of wall pairs of S room r and A room q, as rows of the graphs' walls."""
         of_s, of_a = self.s.of_room[r], self.a.of_room[q]
         if not len(of_s):
-            return [AgreeingSet((), 1.0)]  # a room without walls stands by its place alone
+            return [()]  # a room without walls stands by its place alone
         away_s, away_a = (np.linalg.norm(x, axis=-1) for x in (self.s.feet(of_s, r), self.a.feet(of_a, q)))
         fits = DISTANCES(np.abs(away_a[:, None] - away_s[None, :])) >= LEAST_AFFINITY
         ours, theirs = self.s.compared(of_s, r), self.a.compared(of_a, q)
@@ -297,24 +291,24 @@ class Search:
             return wall_affinity(ours, (distance, angle))
 
         found = agreeing_sets(assignments(len(of_s), len(of_a), fits), affinity, self.deadline)
-        return [AgreeingSet(tuple((int(of_s[i]), int(of_a[j])) for i, j in x.pairs), x.score) for x in found]
+        return [tuple((int(of_s[i]), int(of_a[j])) for i, j in pairs) for pairs in found]
 
-    def combined(self, rooms: Pairs, sets: Sequence[list[AgreeingSet]]) -> list[Solution]:
+    def combined(self, rooms: Pairs, sets: Sequence[list[Pairs]]) -> list[Solution]:
         """Returns all consistent combinations of one wall set of each room pair. Raises TimeIsUpError.
 
         The mean of a combination's affinities is computed as a sum of blocks, one for each pair of wall sets.
         """
-        walls = list(dict.fromkeys(pair for options in sets for x in options for pair in x.pairs))
+        walls = list(dict.fromkeys(pair for options in sets for x in options for pair in x))
         row = {pair: k for k, pair in enumerate(walls)}
         member = np.zeros((sum(len(options) for options in sets), len(walls)))
         for k, x in enumerate(x for options in sets for x in options):
-            member[k, [row[pair] for pair in x.pairs]] = 1.0
+            member[k, [row[pair] for pair in x]] = 1.0
         affinity = self.pair_affinity(rooms[0], walls)
         np.fill_diagonal(affinity, 0.0)
         block = member @ affinity @ member.T
         sizes = [len(options) for options in sets]
         first = np.cumsum([0, *sizes[:-1]])
-        number = sum(len(options[0].pairs) for options in sets)
+        number = sum(len(options[0]) for options in sets)
         found = []
         for begin in range(0, math.prod(sizes) if number > 1 else 0, MOST_COMBINATIONS):
             self.deadline.check()
@@ -397,16 +391,15 @@ class CombinatorialMatcher:
             if empty:
                 return MatchResult("none", f"the {what} has no room")
         ours, theirs = Planes.of(s), Planes.of(plan)
+        reason = "no set of rooms and walls agrees with the plan"
         try:
             solutions = Search(ours, theirs, Deadline(began + TIME_LIMIT_S)).run()
         except TimeIsUpError:
-            reason = f"the search did not end within {TIME_LIMIT_S:g} s"
-            return MatchResult("none", reason, seconds=time.perf_counter() - began)
+            solutions, reason = [], f"the search did not end within {TIME_LIMIT_S:g} s"
         found = [(m, fitted(ours, theirs, m)) for m in solutions]
         if start is not None:
             found = [(m, T) for m, T in found if near_start(start, np.array(T))]
         if not found:
-            reason = "no set of rooms and walls agrees with the plan"
             return MatchResult("none", reason, seconds=time.perf_counter() - began)
         hypotheses = []
         for m, T_a_s in found[:LISTED]:
