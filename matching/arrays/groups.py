@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from data.common.compiled import compiled, compiled_within
 from data.geometry.se2 import Array
-from matching.arrays.doors import Doors
-from matching.arrays.walls import Index, Walls
+from matching.arrays.walls import Doors, Index, Walls
 
 BESIDE = 0.8  # metres between the walls of neighbours: a wall's thickness and its errors
 POINTS = 0.5  # metres between points of a wall

@@ -1,8 +1,11 @@
-"""A scene graph's wall surfaces as arrays, storey by storey, in a frame that follows the walls."""
+"""A scene graph's wall surfaces and doors as arrays, storey by storey, in a frame that follows the walls."""
 
+from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +15,10 @@ from data.geometry.se2 import Array
 from data.geometry.wall_directions import WallDirections
 from data.scene_graph import Room, SceneGraph, WallSurface
 
+T = TypeVar("T")
 Index = NDArray[np.int64]
 BUILDING_GAP = 10.0  # metres
+PLANS_CACHED = 4
 UNKNOWN_HALF_LENGTH = 1.0  # metres, if neither the graph nor the room's other walls give it
 
 
@@ -89,6 +94,20 @@ class Walls(WallDirections):
         return np.sqrt(np.clip(2 * self.half, 0.35, 6.0))
 
 
+@dataclass(frozen=True)
+class Doors:
+    """N doors between rooms, in the own frame of the walls."""
+
+    place: Array  # (N, 2)
+    rooms: Index  # (N, 2) indices into the walls' rooms; -1 where a door leads out, or to a room without walls
+
+    def __getitem__(self, chosen: Index) -> "Doors":
+        return Doors(self.place[chosen], self.rooms[chosen])
+
+    def __len__(self) -> int:
+        return len(self.rooms)
+
+
 def storeys(graph: SceneGraph) -> list[Walls]:
     """Returns the graph's storeys that have wall surfaces, in the order of `floors`, then of appearance."""
     floor_of = {r.id: r.floor for r in graph.rooms}
@@ -122,6 +141,16 @@ def arrays(graph: SceneGraph, floor: str | None, surfaces: list[WallSurface]) ->
     return Walls(tuple(w.id for w in surfaces), floor, own, heading, half, known, room, tuple(rooms), T_graph_own)
 
 
+def doors(graph: SceneGraph, walls: Walls) -> Doors:
+    """The doors of a graph that lead into a room of these walls."""
+    index = {room.id: n for n, room in enumerate(walls.rooms)}
+    joined = [(*(index.get(r, -1) for r in door.rooms[:2]), -1, -1)[:2] for door in graph.doors]
+    rooms = np.array(joined, dtype=np.int64).reshape(-1, 2)
+    place = np.array([door.centroid for door in graph.doors], dtype=float).reshape(-1, 2)
+    here = (rooms >= 0).any(axis=1)
+    return Doors(se2.apply(se2.inverse(walls.T_graph_own), place[here]), rooms[here])
+
+
 def between_graphs(s: Walls, a: Walls, motion: Array) -> Array:
     """(3,) T_a_s between the graphs' frames, from a motion between their own frames."""
     return se2.compose(se2.compose(a.T_graph_own, motion), se2.inverse(s.T_graph_own))
@@ -140,6 +169,23 @@ def crossings(centre: Array, heading: Array) -> tuple[Array, Array]:
     slope = np.sin(turn)
     parallel = np.abs(slope) < np.sin(np.radians(30))
     return np.where(parallel, np.inf, offset / np.where(parallel, 1.0, slope)), turn
+
+
+class PlanCache(Generic[T]):
+    """The results of a function for the last few graphs; a graph is recognised by its identity."""
+
+    def __init__(self, work: Callable[[SceneGraph], T]) -> None:
+        self._work = work
+        self._known: OrderedDict[int, tuple[SceneGraph, T]] = OrderedDict()
+
+    def __call__(self, graph: SceneGraph) -> T:
+        """Returns the function's result for a graph."""
+        if id(graph) not in self._known:
+            self._known[id(graph)] = graph, self._work(graph)  # keeps the graph alive, so that no other gets its id
+            while len(self._known) > PLANS_CACHED:
+                self._known.popitem(last=False)
+        self._known.move_to_end(id(graph))
+        return self._known[id(graph)][1]
 
 
 def _grid(heading: Array, weight: Array) -> float:
