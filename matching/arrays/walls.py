@@ -1,6 +1,5 @@
 """A scene graph's wall surfaces and doors as arrays, storey by storey, in a frame that follows the walls."""
 
-from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -176,16 +175,16 @@ class PlanCache(Generic[T]):
 
     def __init__(self, work: Callable[[SceneGraph], T]) -> None:
         self._work = work
-        self._known: OrderedDict[int, tuple[SceneGraph, T]] = OrderedDict()
+        self._known: dict[int, tuple[SceneGraph, T]] = {}  # the last used is last
 
     def __call__(self, graph: SceneGraph) -> T:
         """Returns the function's result for a graph."""
-        if id(graph) not in self._known:
-            self._known[id(graph)] = graph, self._work(graph)  # keeps the graph alive, so that no other gets its id
-            while len(self._known) > PLANS_CACHED:
-                self._known.popitem(last=False)
-        self._known.move_to_end(id(graph))
-        return self._known[id(graph)][1]
+        # The graph is kept too, so that no other gets its id.
+        known = self._known.pop(id(graph), None) or (graph, self._work(graph))
+        self._known[id(graph)] = known
+        if len(self._known) > PLANS_CACHED:
+            del self._known[next(iter(self._known))]
+        return known[1]
 
 
 def _grid(heading: Array, weight: Array) -> float:
