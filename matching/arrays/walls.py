@@ -187,22 +187,27 @@ class PlanCache(Generic[T]):
         return known[1]
 
 
+def points_along(centre: Array, tangent: Array, half: Array, count: Index) -> tuple[Array, Index]:
+    """(P, 2) `count` (N,) points along each wall, at least two, from end to end; and (P,) the walls they belong to."""
+    wall = np.repeat(np.arange(len(half)), count)
+    step = np.arange(len(wall)) - np.repeat(np.cumsum(count) - count, count)
+    along = (2 * step / (count[wall] - 1) - 1) * half[wall]
+    return centre[wall] + along[:, None] * tangent[wall], wall
+
+
 def _grid(heading: Array, weight: Array) -> float:
     """Direction of the building's grid from the fourth harmonic, since most walls are at right angles."""
     return float(np.angle(np.sum(weight * np.exp(4j * heading))) / 4)
 
 
 def _buildings(centre: Array, tangent: Array, half: Array) -> Index:
-    """(N,) labels, equal for walls that are near each other; walls are sampled as rows of points."""
+    """(N,) labels, equal for walls that are near each other."""
     from scipy.sparse import coo_matrix  # slow to import
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    count = np.ceil(2 * half / BUILDING_GAP).astype(np.int64) + 1
-    wall = np.repeat(np.arange(len(half)), count)
-    step = np.arange(len(wall)) - np.repeat(np.cumsum(count) - count, count)
-    along = (2 * step / (count[wall] - 1) - 1) * half[wall]
-    i, j = cKDTree(centre[wall] + along[:, None] * tangent[wall]).query_pairs(BUILDING_GAP, output_type="ndarray").T
+    points, wall = points_along(centre, tangent, half, np.ceil(2 * half / BUILDING_GAP).astype(np.int64) + 1)
+    i, j = cKDTree(points).query_pairs(BUILDING_GAP, output_type="ndarray").T
     near = coo_matrix((np.ones(len(i)), (wall[i], wall[j])), shape=(len(half), len(half)))
     return np.asarray(connected_components(near, directed=False)[1], dtype=np.int64)
 
