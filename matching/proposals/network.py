@@ -248,9 +248,6 @@ class MatchingNetwork(nn.Module):
             column, table = output.walls[-1]
             probability = table.softmax(dim=-1)
             found = expanded(s, a, dense, found._replace(likely=probability[:, :-1]), self.settings.more)
-            if enough >= 1:
-                self._cycle(s, a, found, output)
-                continue
             sure = sure | (probability.amax(dim=-1).mean() >= enough)
             self._cycle(s, a, found._replace(column=torch.where(sure, -1, found.column)), output)
             column, table = pad(column, (0, self.settings.more), value=-1), _widened(table, self.settings.more)
