@@ -152,27 +152,24 @@ def rooms_to_localise(cache: MatchCache, start: int, similarity: SelfSimilarity)
         return result("never" if symmetric else "not found", None, None, {})
     trials = {}
     for count in _tested_counts(if_perfect, len(order)):
-        trials[count] = cache.trials(_first(order, count))
+        trials[count] = cache.trials(frozenset(order[:count]))
         if trials[count].clearly_localised:
             break
     rooms = best_split(trials)
     return result("not found" if rooms is None else "known", rooms, if_perfect, trials)
 
 
-def _first(order: Sequence[int], count: int) -> Rooms:
-    return frozenset(order[:count])
-
-
 def _rooms_if_perfect(cache: MatchCache, order: Sequence[int]) -> int | None:
     """The fewest rooms, in this order, of which a perfect map is localised: more rooms never make it worse."""
     low, high = 0, 1
-    while not cache.localises_perfect_map(_first(order, high)):
+    while not cache.localises_perfect_map(frozenset(order[:high])):
         if high == len(order):
             return None
         low, high = high, min(2 * high, len(order))
     while high - low > 1:
         middle = (low + high) // 2
-        low, high = (low, middle) if cache.localises_perfect_map(_first(order, middle)) else (middle, high)
+        known = cache.localises_perfect_map(frozenset(order[:middle]))
+        low, high = (low, middle) if known else (middle, high)
     return high
 
 

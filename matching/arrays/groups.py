@@ -94,9 +94,7 @@ def _least_squares_apart(
                 run = u * tangent[k, 0] + v * tangent[k, 1]
                 if abs(u * tangent[k, 1] - v * tangent[k, 0]) > reach or abs(run) > half[k] + reach:
                     continue
-                begin = int(((run - reach) / half[k] + 1) / 2 * points[k]) if half[k] > 0 else 0
-                end = int(((run + reach) / half[k] + 1) / 2 * points[k]) + 1 if half[k] > 0 else points[k]
-                for m in range(max(begin - 1, 0), min(end + 1, points[k])):
+                for m in range(points[k]):
                     at = (2 * ((m + 0.5) / points[k]) - 1) * half[k]
                     square = (u - at * tangent[k, 0]) ** 2 + (v - at * tangent[k, 1]) ** 2
                     if square <= reach * reach and square < least[g, h]:

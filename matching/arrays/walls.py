@@ -100,9 +100,6 @@ class Doors:
     place: Array  # (N, 2)
     rooms: Index  # (N, 2) indices into the walls' rooms; -1 where a door leads out, or to a room without walls
 
-    def __getitem__(self, chosen: Index) -> "Doors":
-        return Doors(self.place[chosen], self.rooms[chosen])
-
     def __len__(self) -> int:
         return len(self.rooms)
 
@@ -155,21 +152,6 @@ def between_graphs(s: Walls, a: Walls, motion: Array) -> Array:
     return se2.compose(se2.compose(a.T_graph_own, motion), se2.inverse(s.T_graph_own))
 
 
-def crossings(centre: Array, heading: Array) -> tuple[Array, Array]:
-    """Where the lines of surfaces i and j cross, for all pairs.
-
-    Returns (N, N) `along`: the crossing's place on i, from i's centre along its tangent (infinite for
-    parallel lines); and (N, N) `turn`: the angle from normal i to normal j.
-    """
-    turn = se2.wrap(heading[None, :] - heading[:, None])
-    normal = np.stack((np.cos(heading), np.sin(heading)), axis=-1)
-    offset = np.einsum("ijk,jk->ij", centre[None, :] - centre[:, None], normal)
-    # The tangent of i has the component sin(turn) along the normal of j.
-    slope = np.sin(turn)
-    parallel = np.abs(slope) < np.sin(np.radians(30))
-    return np.where(parallel, np.inf, offset / np.where(parallel, 1.0, slope)), turn
-
-
 class PlanCache(Generic[T]):
     """The results of a function for the last few graphs; a graph is recognised by its identity."""
 
@@ -214,7 +196,11 @@ def _buildings(centre: Array, tangent: Array, half: Array) -> Index:
 
 def _half_from_room(centre: Array, heading: Array, room: Index) -> Array:
     """(N,) half length such that the surface reaches the nearest wall of its room that it would meet."""
-    along, _ = crossings(centre, heading)
+    slope = np.sin(se2.wrap(heading[None, :] - heading[:, None]))  # of the tangent of i, along the normal of j
+    normal = np.stack((np.cos(heading), np.sin(heading)), axis=-1)
+    offset = np.einsum("ijk,jk->ij", centre[None, :] - centre[:, None], normal)
+    parallel = np.abs(slope) < np.sin(np.radians(30))
+    along = np.where(parallel, np.inf, offset / np.where(parallel, 1.0, slope))  # of i, to where the line of j crosses
     same = (room[:, None] == room[None, :]) & (room >= 0)[:, None]
     reach = np.min(np.where(same & (np.abs(along) > 0.1), np.abs(along), np.inf), axis=1, initial=np.inf)
     return np.where(np.isfinite(reach), np.clip(reach, 0.2, 5.0), UNKNOWN_HALF_LENGTH)
