@@ -1,14 +1,13 @@
 """Checks of a plan: what is missing or implausible for localisation, storey by storey."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import shapely
 
-from data import Door, Room, SceneGraph, WallSurface
+from data import Door, Floor, Room, SceneGraph, WallSurface
 from data.geometry.areas import overlap, polygons_of
 from data.plans.wall_lines import THICKEST
 from data.synthetic_maps.exploration import SQUARE, Storey, components, storeys_of
@@ -29,10 +28,6 @@ class PlanIssue:
     floor: str | None
     message: str
     ids: tuple[str, ...] = ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Its form in inspection.json."""
-        return asdict(self)
 
 
 def plan_issues(a: SceneGraph) -> list[PlanIssue]:
@@ -57,17 +52,16 @@ def _storey_issues(a: SceneGraph, floor: str | None, storey: Storey | None) -> I
         yield PlanIssue("no rooms", floor, message)
     elif roomless := walls_without_room(walls):
         message = f"walls and columns that bound no room: {count_walls(roomless):,}"
-        yield PlanIssue("walls without a room", floor, message, tuple(w.id for w in roomless))
+        yield PlanIssue("walls without a room", floor, message, _ids(roomless))
     if bare := [r for r in rooms if not a.surfaces_of_room[r.id]]:
-        message = f"{_named(bare)}: no walls, so {_they(bare)} cannot be recognised"
+        message = f"{_named(bare)}: no walls, so {'it' if len(bare) == 1 else 'they'} cannot be recognised"
         yield PlanIssue("rooms without walls", floor, message, _ids(bare))
     if shapeless := [r for r in rooms if len(r.polygon or ()) < 3]:
         message = f"{_named(shapeless)}: no footprint; drawn as a point"
         yield PlanIssue("rooms without a footprint", floor, message, _ids(shapeless))
-    unmeasured = [w.id for w in walls if w.length is None]
-    if unmeasured:
+    if unmeasured := [w for w in walls if w.length is None]:
         message = f"{_count(len(unmeasured), 'wall surface')} of unknown length"
-        yield PlanIssue("walls without a length", floor, message, tuple(unmeasured))
+        yield PlanIssue("walls without a length", floor, message, _ids(unmeasured))
     if storey is not None:
         yield from _connectivity(a, storey)
         yield from _overlaps(storey)
@@ -100,14 +94,15 @@ def _connectivity(a: SceneGraph, storey: Storey) -> Iterator[PlanIssue]:
             message = "no doors: paths between rooms are assumed to cross the walls"
             yield PlanIssue("no doors", storey.floor, message)
         return
-    closed = [r for r in storey.rooms if r.id not in with_doors]
-    if closed:
+    if closed := [r for r in storey.rooms if r.id not in with_doors]:
         message = f"{_named(closed)}: no door"
         yield PlanIssue("rooms without doors", storey.floor, message, _ids(closed))
-    groups = [[storey.rooms[k] for k in group] for group in _groups(storey.by_door) if len(group) > 1]
+    first, size = np.unique(components(storey.by_door), return_index=True, return_counts=True)[1:]
+    groups = [k for k in np.argsort(-size, kind="stable") if size[k] > 1]  # the largest first
     if len(groups) > 1:
-        message = f"{len(groups)} groups of {', '.join(str(len(p)) for p in groups)} rooms that no door connects"
-        yield PlanIssue("unconnected groups of rooms", storey.floor, message, tuple(p[0].id for p in groups))
+        message = f"{len(groups)} groups of {', '.join(str(size[k]) for k in groups)} rooms that no door connects"
+        ids = tuple(storey.rooms[first[k]].id for k in groups)
+        yield PlanIssue("unconnected groups of rooms", storey.floor, message, ids)
 
 
 def _overlaps(storey: Storey) -> Iterator[PlanIssue]:
@@ -123,10 +118,9 @@ def _overlaps(storey: Storey) -> Iterator[PlanIssue]:
 
 def _unconnected_doors(a: SceneGraph) -> Iterator[PlanIssue]:
     """Doors next to no room; entrances, which lead to one room, are fine."""
-    lost: list[Door] = [d for d in a.doors if not a.room_by_id.keys() & set(d.rooms)]
-    if lost:
+    if lost := [d for d in a.doors if not a.room_by_id.keys() & set(d.rooms)]:
         message = f"{_count(len(lost), 'door')} that are next to no room"
-        yield PlanIssue("doors without a room", None, message, tuple(d.id for d in lost))
+        yield PlanIssue("doors without a room", None, message, _ids(lost))
 
 
 def _elevations(a: SceneGraph) -> Iterator[PlanIssue]:
@@ -136,7 +130,7 @@ def _elevations(a: SceneGraph) -> Iterator[PlanIssue]:
     known = sorted(((f.elevation, f) for f in floors if f.elevation is not None), key=lambda item: item[0])
     if lack := [f for f in floors if f.elevation is None]:
         message = f"{', '.join(f.name or f.id for f in lack)}: no elevation, so the height is not anchored there"
-        yield PlanIssue("storeys without an elevation", None, message, tuple(f.id for f in lack))
+        yield PlanIssue("storeys without an elevation", None, message, _ids(lack))
     for (low, f), (high, g) in pairwise(known):
         if not STOREY_M[0] <= high - low <= STOREY_M[1]:
             names = f"{g.name or g.id} is {high - low:.2f} m above {f.name or f.id}"
@@ -157,23 +151,13 @@ def _units(a: SceneGraph) -> Iterator[PlanIssue]:
         yield PlanIssue("implausible units", None, message)
 
 
-def _groups(neighbours: list[list[int]]) -> list[list[int]]:
-    """Connected rooms, by index, the largest group first."""
-    label = components(neighbours)
-    return sorted((np.flatnonzero(label == k).tolist() for k in np.unique(label)), key=len, reverse=True)
-
-
 def _named(rooms: list[Room], most: int = 5) -> str:
     names = [r.name or r.id for r in rooms[:most]]
     return ", ".join(names) + (f" and {len(rooms) - most} more" if len(rooms) > most else "")
 
 
-def _they(rooms: list[Room]) -> str:
-    return "it" if len(rooms) == 1 else "they"
-
-
-def _ids(rooms: list[Room]) -> tuple[str, ...]:
-    return tuple(r.id for r in rooms)
+def _ids(nodes: Sequence[Room | WallSurface | Door | Floor]) -> tuple[str, ...]:
+    return tuple(node.id for node in nodes)
 
 
 def _count(count: int, what: str) -> str:

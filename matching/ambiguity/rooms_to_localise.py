@@ -9,17 +9,106 @@ the one that best splits the results into maps that are not localised below it a
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
-from data.synthetic_maps.walks import nearest_first
-from matching.ambiguity.match_cache import MatchCache, Rooms, Trials
-from matching.ambiguity.self_similarity import SelfSimilarity
+import numpy as np
 
+from data import SceneGraph
+from data.geometry import se2
+from data.synthetic_maps.exploration import Storey, Walk
+from data.synthetic_maps.noise_models import DrawnGraph, draw_walk
+from data.synthetic_maps.walks import nearest_first, perfect_map
+from matching.ambiguity.symmetries import SelfSimilarity
+from matching.result import AnyMatcher, MatchResult
+
+NEAR_M, NEAR_RAD = 0.5, float(np.radians(5))  # from the true pose, at the map's centroid
+STOP_AHEAD, STOP_BEHIND = 4, 5  # trials stop when this many more maps are localised than not, or fewer
+CLEAR_SHARE = 0.75  # of the maps
 SINGLE_STEPS = 8  # up to this many rooms each count is tested
 STEP_GROWTH = 1.15  # ratio of successive counts above
 
+Rooms = frozenset[int]  # indices into the storey's rooms
 Outcome = Literal["known", "never", "not found", "no walls"]
+
+
+@dataclass(frozen=True)
+class Trials:
+    """`localised` of `total` noisy maps of the same rooms are localised correctly."""
+
+    localised: int
+    total: int
+
+    @property
+    def share(self) -> float:
+        """The share of maps that are localised."""
+        return self.localised / self.total
+
+    @property
+    def lead(self) -> int:
+        """How many more maps are localised than not."""
+        return 2 * self.localised - self.total
+
+    @property
+    def clearly_localised(self) -> bool:
+        """Whether most maps are localised beyond reasonable doubt."""
+        return self.lead >= STOP_AHEAD and self.share >= CLEAR_SHARE
+
+    def decided(self, max_maps: int) -> bool:
+        """Whether further trials, up to `max_maps`, are unnecessary or cannot change the majority."""
+        decided = self.lead >= STOP_AHEAD or self.lead <= -STOP_BEHIND
+        return decided or self.total >= max_maps or abs(self.lead) > max_maps - self.total
+
+
+@dataclass
+class MatchCache:
+    """Draws maps of rooms of one storey, matches them and caches the results, since walks from different rooms see the
+    same rooms; at most `max_maps` for each set of rooms.
+
+    `index` is the storey's place in `storeys_of`. Each map depends on the seed, the storey, the rooms and its number
+    alone, not on earlier calls.
+    """
+
+    a: SceneGraph
+    storey: Storey
+    index: int
+    matcher: AnyMatcher
+    seed: int
+    max_maps: int
+    _perfect: dict[Rooms, bool] = field(default_factory=dict)
+    _trials: dict[Rooms, Trials] = field(default_factory=dict)
+
+    def localises_perfect_map(self, rooms: Rooms) -> bool:
+        """Whether the matcher localises a perfect map of these rooms."""
+        if rooms not in self._perfect:
+            self._perfect[rooms] = self._localises(perfect_map(self.a, {self.storey.rooms[k].id for k in rooms}))
+        return self._perfect[rooms]
+
+    def trials(self, rooms: Rooms) -> Trials:
+        """Results on maps with the noise of real scans, drawn until the majority is decided."""
+        if rooms not in self._trials:
+            now = Trials(0, 0)
+            while not now.decided(self.max_maps):
+                now = Trials(now.localised + self._localises(self._map(rooms, now.total)), now.total + 1)
+            self._trials[rooms] = now
+        return self._trials[rooms]
+
+    def _map(self, rooms: Rooms, number: int) -> DrawnGraph:
+        order = sorted(rooms)
+        rng = np.random.default_rng((self.seed, self.index, number, *order))
+        return draw_walk(self.storey, Walk(tuple(order), (-1,) * len(order)), "real", rng)
+
+    def _localises(self, drawn: DrawnGraph) -> bool:
+        return bool(drawn.s_graph.wall_surfaces) and _is_correct(self.matcher.match(drawn.s_graph, self.a), drawn)
+
+
+def _is_correct(result: MatchResult, drawn: DrawnGraph) -> bool:
+    """Whether the match is unique and within 0.5 m and 5 degrees of the true pose."""
+    if result.status != "unique" or result.T_a_s is None or result.floor != drawn.floor:
+        return False
+    estimate, true, middle = np.array(result.T_a_s), np.array(drawn.T_a_s), drawn.s_graph.centroid()
+    error = float(np.hypot(*(se2.apply(estimate, middle) - se2.apply(true, middle))))
+    return error < NEAR_M and abs(float(se2.wrap(estimate[:1] - true[:1])[0])) < NEAR_RAD
 
 
 @dataclass(frozen=True)
@@ -47,13 +136,12 @@ def rooms_to_localise(cache: MatchCache, start: int, similarity: SelfSimilarity)
     """The result for the start room of that index in the cache's storey; `similarity` is the A-graph's."""
     storey = cache.storey
     walk, by_doors = nearest_first(storey, start)
-    order = walk.rooms
+    order, room = walk.rooms, storey.rooms[start].id
 
     def result(
         outcome: Outcome, rooms: int | None, if_perfect: int | None, trials: dict[int, Trials]
     ) -> RoomsToLocalise:
         rows = tuple((count, of.localised, of.total) for count, of in trials.items())
-        room = storey.rooms[start].id
         return RoomsToLocalise(room, storey.floor, outcome, rooms, if_perfect, rows, len(order), by_doors)
 
     if not len(storey.walls_of[start]):
@@ -64,27 +152,24 @@ def rooms_to_localise(cache: MatchCache, start: int, similarity: SelfSimilarity)
         return result("never" if symmetric else "not found", None, None, {})
     trials = {}
     for count in _tested_counts(if_perfect, len(order)):
-        trials[count] = cache.trials(_first(order, count))
+        trials[count] = cache.trials(frozenset(order[:count]))
         if trials[count].clearly_localised:
             break
     rooms = best_split(trials)
     return result("not found" if rooms is None else "known", rooms, if_perfect, trials)
 
 
-def _first(order: Sequence[int], count: int) -> Rooms:
-    return frozenset(order[:count])
-
-
 def _rooms_if_perfect(cache: MatchCache, order: Sequence[int]) -> int | None:
     """The fewest rooms, in this order, of which a perfect map is localised: more rooms never make it worse."""
     low, high = 0, 1
-    while not cache.localises_perfect_map(_first(order, high)):
+    while not cache.localises_perfect_map(frozenset(order[:high])):
         if high == len(order):
             return None
         low, high = high, min(2 * high, len(order))
     while high - low > 1:
         middle = (low + high) // 2
-        low, high = (low, middle) if cache.localises_perfect_map(_first(order, middle)) else (middle, high)
+        known = cache.localises_perfect_map(frozenset(order[:middle]))
+        low, high = (low, middle) if known else (middle, high)
     return high
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from data.common.compiled import compiled, compiled_within
+from data.common.compiled import compiled
 from data.geometry.se2 import Array
 from matching.arrays.walls import Index
 
@@ -20,7 +20,7 @@ class Elimination(NamedTuple):
     order: Index  # (G,)
     first: Index  # (G + 1,) where the blocks begin of the node that goes first, second, ...
     later: Index  # (B,) the neighbour, whose row of blocks it is
-    changed: Index  # the block that is changed by each two of the blocks of a node, -1 for the neighbour's own
+    block: Index  # (G, G) the block of each two nodes, -1 where there is none
     of_edge: Index  # (E,) the block of each edge
     turned: NDArray[np.bool_]  # (E,) whether it is the row of the edge's second node
 
@@ -28,9 +28,19 @@ class Elimination(NamedTuple):
 @compiled
 def elimination(edges: Index, count: int) -> Elimination:
     """Returns the elimination for distinct edges (E, 2) between `count` nodes."""
-    joined, order = _joined(edges, count)
+    joined, left = np.zeros((count, count), dtype=np.bool_), np.ones(count, dtype=np.bool_)
+    for e in range(len(edges)):
+        joined[edges[e, 0], edges[e, 1]] = joined[edges[e, 1], edges[e, 0]] = True
+    order = np.empty(count, dtype=np.int64)
+    for n in range(count):
+        g = np.array([(joined[h] & left).sum() if left[h] else count for h in range(count)]).argmin()
+        order[n], left[g] = g, False
+        near = np.flatnonzero(joined[g] & left)
+        for k in near:
+            for j in near:
+                joined[k, j] = joined[k, j] or j != k
     first, block = np.zeros(count + 1, dtype=np.int64), np.full((count, count), -1)
-    later, changes = np.empty(joined.sum() // 2, dtype=np.int64), 0
+    later = np.empty(joined.sum() // 2, dtype=np.int64)
     for n in range(count):
         first[n + 1] = first[n]
         for m in range(n + 1, count):
@@ -38,43 +48,11 @@ def elimination(edges: Index, count: int) -> Elimination:
                 later[first[n + 1]] = order[m]
                 block[order[n], order[m]] = block[order[m], order[n]] = first[n + 1]
                 first[n + 1] += 1
-        changes += (first[n + 1] - first[n]) * (first[n + 1] - first[n] + 1) // 2
-    changed, at = np.empty(changes, dtype=np.int64), 0
-    for n in range(count):
-        for k in range(first[n], first[n + 1]):
-            for j in range(first[n], k + 1):
-                changed[at] = block[later[k], later[j]]
-                at += 1
     of_edge, turned = np.empty(len(edges), dtype=np.int64), np.zeros(len(edges), dtype=np.bool_)
     for e in range(len(edges)):
         of_edge[e] = block[edges[e, 0], edges[e, 1]]
         turned[e] = later[of_edge[e]] == edges[e, 1]
-    return Elimination(order, first, later, changed, of_edge, turned)
-
-
-@compiled_within
-def _joined(edges: Index, count: int) -> tuple[NDArray[np.bool_], Index]:
-    """(G, G) the neighbours of each node when it is eliminated, and the order."""
-    joined, left = np.zeros((count, count), dtype=np.bool_), np.ones(count, dtype=np.bool_)
-    order = np.empty(count, dtype=np.int64)
-    for e in range(len(edges)):
-        joined[edges[e, 0], edges[e, 1]] = joined[edges[e, 1], edges[e, 0]] = True
-    degree = joined.sum(axis=1)
-    for n in range(count):
-        g = -1
-        for h in range(count):
-            if left[h] and (g < 0 or degree[h] < degree[g]):
-                g = h
-        order[n], left[g] = g, False
-        near = np.flatnonzero(joined[g] & left)
-        for k in near:
-            degree[k] -= 1
-            for j in near:
-                if j < k and not joined[k, j]:
-                    joined[k, j] = joined[j, k] = True
-                    degree[k] += 1
-                    degree[j] += 1
-    return joined, order
+    return Elimination(order, first, later, block, of_edge, turned)
 
 
 @compiled
@@ -84,7 +62,7 @@ def solve(e: Elimination, own: Array, between: Array, x: Array) -> None:
     `own` (G, 3, 3) are the diagonal blocks, of which the lower triangle is read, `between` (B, 3, 3) the others; both
     are overwritten.
     """
-    order, first, later, at = e.order, e.first, e.later, 0
+    order, first, later = e.order, e.first, e.later
     for n in range(len(order)):
         g = order[n]
         _factored(own, g)
@@ -95,11 +73,10 @@ def solve(e: Elimination, own: Array, between: Array, x: Array) -> None:
                 _lowered(own, g, block, r)
                 x[h, r] -= block[r, 0] * x[g, 0] + block[r, 1] * x[g, 1] + block[r, 2] * x[g, 2]
             for j in range(first[n], k + 1):
-                into, other = own[h] if j == k else between[e.changed[at]], between[j]
+                into, other = own[h] if j == k else between[e.block[h, later[j]]], between[j]
                 for r in range(3):
                     for c in range(3):
                         into[r, c] -= block[r, 0] * other[c, 0] + block[r, 1] * other[c, 1] + block[r, 2] * other[c, 2]
-                at += 1
     for n in range(len(order) - 1, -1, -1):
         g = order[n]
         for k in range(first[n], first[n + 1]):

@@ -1,18 +1,19 @@
 """The parts of a map that are treated as rigid (its rooms), and which of them are neighbours."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from data.common.compiled import compiled, compiled_within
+from data.common.compiled import compiled
 from data.geometry.se2 import Array
-from matching.arrays.doors import Doors
-from matching.arrays.walls import Index, Walls
+from matching.arrays.walls import Doors, Index, Walls
 
 BESIDE = 0.8  # metres between the walls of neighbours: a wall's thickness and its errors
 POINTS = 0.5  # metres between points of a wall
 BEHIND = 1.0  # metres that a room behind a stray wall counts as further away
+FAR, TOUCHING = 10.0, 1e-6  # metres from which on groups are no neighbours, and between those joined by a door
 MOST_NEIGHBOURS = 6
 CELL = 6.0  # metres, of the parts of a map without rooms
 NO_DOOR = 2.5  # slack between neighbours without a known door
@@ -35,13 +36,12 @@ class Groups:
 def groups(s: Walls, doors: Doors, rigid: bool = False) -> Groups:
     """Returns the groups of a map with at least one wall, given its doors: its rooms, or one if it is `rigid`."""
     of_wall = np.zeros(len(s), dtype=np.int64) if rigid else rooms_of_walls(s)
-    size = np.bincount(of_wall)
-    centre = np.stack([np.bincount(of_wall, s.centre[:, k]) / size for k in (0, 1)], axis=-1)
+    centre = _means(s.centre, of_wall)
     through = doors.rooms[(doors.rooms >= 0).all(axis=1)]
     group = of_wall[s.first_of_room[through]] if len(through) else through
     edges, by_door = _edges(_apart(s, of_wall, centre), group)
     steps = np.where(by_door | (not by_door.any()), 1, 2)
-    return Groups(of_wall, centre, edges, np.where(by_door, 1.0, NO_DOOR), _hops(edges, steps, len(size)))
+    return Groups(of_wall, centre, edges, np.where(by_door, 1.0, NO_DOOR), _hops(edges, steps, len(centre)))
 
 
 def rooms_of_walls(s: Walls) -> Index:
@@ -52,33 +52,25 @@ def rooms_of_walls(s: Walls) -> Index:
         return s.room  # each room has a wall
     if not len(with_room):
         return np.asarray(np.unique(np.floor(s.centre / CELL), axis=0, return_inverse=True)[1].reshape(-1))
-    size = np.bincount(s.room[with_room], minlength=len(s.rooms))
-    sums = [np.bincount(s.room[with_room], s.centre[with_room, k], len(s.rooms)) for k in (0, 1)]
-    middle = np.stack([total / size for total in sums], axis=-1)
-    return np.asarray(_rooms_of_stray_walls(s.room, s.centre, s.normal, middle))
-
-
-@compiled
-def _rooms_of_stray_walls(room: Index, centre: Array, normal: Array, middle: Array) -> Index:
-    """(Ns,) the room of each wall; `middle` (R, 2) are the means of the rooms' walls."""
-    found = room.copy()
-    for i in range(len(room)):
-        nearest = np.inf
-        for k in range(len(room)):
-            if room[i] < 0 <= room[k]:
-                towards = middle[room[k]] - centre[i]
-                behind = towards[0] * normal[i, 0] + towards[1] * normal[i, 1] < 0
-                far = np.hypot(centre[k, 0] - centre[i, 0], centre[k, 1] - centre[i, 1]) + BEHIND * behind
-                if far < nearest:
-                    nearest, found[i] = far, room[k]
+    middle = _means(s.centre[with_room], s.room[with_room])[s.room[with_room]]
+    towards, off = (to[None] - s.centre[stray, None] for to in (middle, s.centre[with_room]))
+    behind = (towards * s.normal[stray, None]).sum(axis=-1) < 0
+    found = s.room.copy()
+    found[stray] = s.room[with_room][(np.hypot(*off.transpose(2, 0, 1)) + BEHIND * behind).argmin(axis=1)]
     return found
 
 
+def _means(points: Array, of: Index) -> Array:
+    """(groups, 2) the mean of each group's points; each has one."""
+    size = np.bincount(of)
+    return np.stack([np.bincount(of, points[:, k]) / size for k in (0, 1)], axis=-1)
+
+
 def _apart(s: Walls, of_wall: Index, centre: Array) -> Array:
-    """(G, G) approximate distances in metres between the walls of groups; more than 10 if none are near."""
+    """(G, G) approximate distances in metres between the walls of groups; more than `FAR` if none are near."""
     points = np.maximum(np.ceil(2 * s.half / POINTS).astype(np.int64), 1)
     square = _least_squares_apart(s.centre, s.tangent, s.half, points, of_wall, len(centre))
-    far = 10 + np.hypot(*(centre[:, None] - centre[None]).transpose(2, 0, 1))
+    far = FAR + np.hypot(*(centre[:, None] - centre[None]).transpose(2, 0, 1))
     return np.asarray(np.where(np.isfinite(square), np.sqrt(square), far))
 
 
@@ -102,9 +94,7 @@ def _least_squares_apart(
                 run = u * tangent[k, 0] + v * tangent[k, 1]
                 if abs(u * tangent[k, 1] - v * tangent[k, 0]) > reach or abs(run) > half[k] + reach:
                     continue
-                begin = int(((run - reach) / half[k] + 1) / 2 * points[k]) if half[k] > 0 else 0
-                end = int(((run + reach) / half[k] + 1) / 2 * points[k]) + 1 if half[k] > 0 else points[k]
-                for m in range(max(begin - 1, 0), min(end + 1, points[k])):
+                for m in range(points[k]):
                     at = (2 * ((m + 0.5) / points[k]) - 1) * half[k]
                     square = (u - at * tangent[k, 0]) ** 2 + (v - at * tangent[k, 1]) ** 2
                     if square <= reach * reach and square < least[g, h]:
@@ -112,86 +102,34 @@ def _least_squares_apart(
     return least
 
 
-@compiled
 def _edges(apart: Array, doors: Index) -> tuple[Index, NDArray[np.bool_]]:
     """(E, 2) edges by doors (D, 2), by nearness, and to connect all; and which of them are doors."""
-    count = len(apart)
-    by_door, kept = np.zeros((count, count), dtype=np.bool_), np.zeros((count, count), dtype=np.bool_)
-    for d in range(len(doors)):
-        g, h = doors[d, 0], doors[d, 1]
-        if g != h:
-            by_door[g, h] = by_door[h, g] = True
-            apart[g, h] = apart[h, g] = 1e-6
-    nearest, total = np.empty(MOST_NEIGHBOURS, dtype=np.int64), 0
-    for g in range(count):
-        apart[g, g], known = np.inf, 0
-        for h in range(count):
-            if apart[g, h] >= 10:
-                continue
-            at = known
-            while at > 0 and apart[g, h] < apart[g, nearest[at - 1]]:
-                if at < MOST_NEIGHBOURS:
-                    nearest[at] = nearest[at - 1]
-                at -= 1
-            if at < MOST_NEIGHBOURS:
-                nearest[at], known = h, min(known + 1, MOST_NEIGHBOURS)
-        for n in range(known):
-            kept[g, nearest[n]] = kept[nearest[n], g] = True
-    _join_all(apart, kept)
-    for g in range(count):
-        for h in range(g):
-            total += kept[g, h]
-    edges, through, e = np.empty((total, 2), dtype=np.int64), np.empty(total, dtype=np.bool_), 0
-    for g in range(count):
-        for h in range(g + 1, count):
-            if kept[g, h]:
-                edges[e, 0], edges[e, 1], through[e] = g, h, by_door[g, h]
-                e += 1
-    return edges, through
+    by_door, near = np.zeros((2, *apart.shape), dtype=np.bool_)
+    by_door[doors[:, 0], doors[:, 1]] = by_door[doors[:, 1], doors[:, 0]] = True
+    np.fill_diagonal(by_door, False)
+    apart = np.where(by_door, TOUCHING, apart)
+    np.fill_diagonal(apart, np.inf)
+    np.put_along_axis(near, apart.argsort(axis=1, kind="stable")[:, :MOST_NEIGHBOURS], True, axis=1)
+    near &= apart < FAR
+    near |= near.T
+    length = np.where(near, (1 - 1e-9) * apart, apart)
+    tree = length <= _shortest(length, np.maximum)  # no way round has only shorter edges: of the least spanning tree
+    edges = np.argwhere(np.triu(near | tree, 1))
+    return edges, by_door[edges[:, 0], edges[:, 1]]
 
 
-@compiled_within
-def _join_all(apart: Array, kept: NDArray[np.bool_]) -> None:
-    """Adds the shortest spanning tree (R. C. Prim: Shortest connection networks, 1957), preferring existing edges."""
-    count = len(apart)
-    far, link = np.full(count, np.inf), np.zeros(count, dtype=np.int64)
-    new = 0
-    for _ in range(count - 1):
-        far[new], nearest = -1.0, -1  # it is in the tree
-        for g in range(count):
-            there = (1 - 1e-9) * apart[new, g] if kept[new, g] else apart[new, g]
-            if there < far[g]:
-                far[g], link[g] = there, new
-            if far[g] >= 0 and (nearest < 0 or far[g] < far[nearest]):
-                nearest = g
-        new = nearest
-        kept[new, link[new]] = kept[link[new], new] = True
-
-
-@compiled
 def _hops(edges: Index, steps: Index, count: int) -> Index:
     """(G, G) lengths of the shortest paths; an edge counts 1 or 2."""
-    first, beside = np.zeros(count + 1, dtype=np.int64), np.empty((2 * len(edges), 2), dtype=np.int64)
-    for e in range(len(edges)):
-        first[edges[e, 0] + 1] += 1
-        first[edges[e, 1] + 1] += 1
-    for g in range(count):
-        first[g + 1] += first[g]
-    at = first.copy()
-    for e in range(len(edges)):
-        for g, h in ((edges[e, 0], edges[e, 1]), (edges[e, 1], edges[e, 0])):
-            beside[at[g], 0], beside[at[g], 1] = h, steps[e]
-            at[g] += 1
     hops = np.full((count, count), 2 * count)
-    for start in range(count):
-        steps_from = hops[start]
-        steps_from[start], steps_done, last = 0, 0, 0
-        while steps_done <= last:
-            for g in range(count):
-                if steps_from[g] == steps_done:
-                    for n in range(first[g], first[g + 1]):
-                        there = steps_from[g] + beside[n, 1]
-                        if there < steps_from[beside[n, 0]]:
-                            steps_from[beside[n, 0]], last = there, max(last, there)
-            steps_done += 1
-    return hops
+    np.fill_diagonal(hops, 0)
+    hops[edges[:, 0], edges[:, 1]] = hops[edges[:, 1], edges[:, 0]] = steps
+    return _shortest(hops, np.add)
+
+
+def _shortest(length: NDArray[Any], path: np.ufunc) -> NDArray[Any]:
+    """(G, G) the least of all paths, given the lengths of the edges; that of a path is the sum, or the maximum, of its
+    edges' (R. W. Floyd: Algorithm 97, Shortest path, 1962).
+    """
+    for k in range(len(length)):
+        length = np.minimum(length, path(length[:, k, None], length[k]))
+    return length

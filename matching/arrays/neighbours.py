@@ -4,7 +4,7 @@ import numpy as np
 
 from data.common.compiled import compiled
 from data.geometry.se2 import Array
-from matching.arrays.walls import Index, Walls
+from matching.arrays.walls import Index, Walls, points_along
 
 SAMPLED_M, SEARCHED = 2.0, 48  # points on walls, among the nearest of which the neighbours are looked up
 IN_CELL = 16  # points, in the mean, of a cell of the grid that they are kept in
@@ -16,49 +16,20 @@ def nearest_walls(walls: Walls, size: int) -> tuple[Index, Array]:
     The gap is the distance from the nearest of one wall's ends and mid point to the other wall, the smaller of both
     directions. Only walls are ranked that have a point among the SEARCHED nearest points of the other one.
     """
-    points, owner = _points(walls.centre, walls.tangent, walls.half)
+    count = 2 + np.ceil(2 * walls.half / SAMPLED_M).astype(np.int64)
+    points, owner = points_along(walls.centre, walls.tangent, walls.half, count)
     points -= points.min(axis=0)
     wide, high = points.max(axis=0)
     side = max(np.sqrt(wide * high * IN_CELL / len(points)), (wide + high) * IN_CELL / len(points), 1e-3)
-    point, owner, place, first, columns = _celled(points, owner, float(side))
+    column, row = (points / side).astype(np.int64).T
+    columns = int(column.max()) + 1
+    cell = row * columns + column
+    order = np.argsort(cell, kind="stable")
+    first = np.searchsorted(cell[order], np.arange((int(row.max()) + 1) * columns + 1))
     return _nearest(
-        point, owner, place, first, columns, float(side), walls.centre, walls.normal, walls.tangent, walls.half, size
-    )
-
-
-@compiled
-def _points(centre: Array, tangent: Array, half: Array) -> tuple[Array, Index]:
-    """(P, 2) points along the walls, from end to end, and (P,) the walls they belong to."""
-    count = 2 + np.ceil(2 * half / SAMPLED_M).astype(np.int64)
-    points, owner, at = np.empty((count.sum(), 2)), np.empty(count.sum(), dtype=np.int64), 0
-    for i in range(len(half)):
-        for step in range(count[i]):
-            along = (2 * step / (count[i] - 1) - 1) * half[i]
-            points[at, 0], points[at, 1] = centre[i, 0] + along * tangent[i, 0], centre[i, 1] + along * tangent[i, 1]
-            owner[at] = i
-            at += 1
-    return points, owner
-
-
-@compiled
-def _celled(points: Array, owner: Index, side: float) -> tuple[Array, Index, Index, Index, int]:
-    """Sorts points with non-negative coordinates into grid cells.
-
-    Returns (2, P) the points in the order of their cells, row by row, the walls they belong to, where each point is
-    now, where each cell begins, and the number of columns of cells.
-    """
-    cell, last = np.empty(len(points), dtype=np.int64), (int(points[:, 0].max() / side), int(points[:, 1].max() / side))
-    first = np.zeros((last[0] + 1) * (last[1] + 1) + 1, dtype=np.int64)
-    for p in range(len(points)):
-        cell[p] = int(points[p, 1] / side) * (last[0] + 1) + int(points[p, 0] / side)
-        first[cell[p] + 1] += 1
-    first = np.cumsum(first)
-    ordered, walls, place, free = np.empty((2, len(points))), np.empty_like(owner), np.empty_like(owner), first.copy()
-    for p in range(len(points)):
-        at = free[cell[p]]
-        free[cell[p]] += 1
-        ordered[0, at], ordered[1, at], walls[at], place[p] = points[p, 0], points[p, 1], owner[p], at
-    return ordered, walls, place, first, last[0] + 1
+        np.ascontiguousarray(points[order].T), owner[order], np.argsort(order), first, columns, float(side),
+        walls.centre, walls.normal, walls.tangent, walls.half, size,
+    )  # fmt: skip
 
 
 @compiled
@@ -69,20 +40,17 @@ def _nearest(
     """Finds the nearest walls. `point` (2, P) is in the order of cells, which begin at `first`; `place` (P,) says where
     the points of the first wall are, then those of the second, and so on.
     """
-    walls, points = len(half), point.shape[1]
+    walls = len(half)
     nearest, gaps, cost = np.full((walls, size), -1), np.full((walls, size), np.inf), np.full((walls, size), np.inf)
-    among, square, met = np.empty(points, dtype=np.int64), np.empty(points), np.full(walls, -1)
+    met, among, square = np.full(walls, -1), np.empty_like(owner), np.empty(len(owner))
     for p in place:
         one = owner[p]
-        for k in range(_within(p, point, first, columns, side, among, square)):
-            other = owner[among[k]]
+        for near in _within(p, point, first, columns, side, among, square):
+            other = owner[near]
             if other == one or met[other] == one:
                 continue
             met[other] = one
             x, y = centre[other, 0] - centre[one, 0], centre[other, 1] - centre[one, 1]
-            least = 1.02 * np.sqrt(x * x + y * y) - half[one] - half[other]  # of what is worked out to rank them
-            if least > cost[one, size - 1] and least > cost[other, size - 1]:
-                continue
             gap = np.sqrt(
                 min(_gap(x, y, one, other, normal, tangent, half), _gap(-x, -y, other, one, normal, tangent, half))
             )
@@ -92,9 +60,9 @@ def _nearest(
 
 
 @compiled
-def _within(p: int, point: Array, first: Index, columns: int, side: float, among: Index, square: Array) -> int:
-    """Writes the SEARCHED points nearest to p, itself and ties included, and returns their number."""
-    rows = (len(first) - 1) // columns
+def _within(p: int, point: Array, first: Index, columns: int, side: float, among: Index, square: Array) -> Index:
+    """The SEARCHED points nearest to p, itself and ties included; `among` and `square` (P,) are room to work in."""
+    rows, points = (len(first) - 1) // columns, point.shape[1]
     x, y = point[0, p], point[1, p]
     column, row = int(x / side), int(y / side)
     reach = 0
@@ -104,57 +72,36 @@ def _within(p: int, point: Array, first: Index, columns: int, side: float, among
         for r in range(max(row - reach, 0), min(row + reach + 1, rows)):
             begin = first[r * columns + max(column - reach, 0)]
             end = first[r * columns + min(column + reach, columns - 1) + 1]
-            _looked_at(point, begin, end, x, y, among[count:], square[count:])
-            count += end - begin
-        whole = count == point.shape[1]
-        limit = np.inf if whole else (reach * side) ** 2  # points as near as that are all in the cells
-        inside = _inside(square[:count], limit)
-        if inside >= SEARCHED or whole:
+            for k in range(begin, end):
+                among[count], square[count] = k, (point[0, k] - x) ** 2 + (point[1, k] - y) ** 2
+                count += 1
+        limit = (reach * side) ** 2  # points as near as that are all among them
+        if count == points or _inside(square[:count], limit) >= SEARCHED:
             break
-    if count > SEARCHED:
-        limit = _limit(square[:count], square[:count].max() if whole else limit, inside)
+    if count <= SEARCHED:
+        return among[:count]
+    # The least bound that SEARCHED are within, by bisection: counting is faster than sorting.
+    low, high = 0.0, limit if count < points else square[:count].max()
+    while high - low > 1e-9 * max(high, 1e-9):
+        middle = (low + high) / 2
+        inside = _inside(square[:count], middle)
+        low, high = (middle, high) if inside < SEARCHED else (low, middle)
+        if inside == SEARCHED:
+            break
     kept = 0
     for k in range(count):
         among[kept] = among[k]
-        kept += square[k] <= limit
-    return kept
-
-
-@compiled
-def _looked_at(point: Array, begin: int, end: int, x: float, y: float, among: Index, square: Array) -> None:
-    """Writes consecutive points and their squared distances; compiles to vector code."""
-    point_x, point_y = point[0, begin:end], point[1, begin:end]
-    for k in range(len(point_x)):
-        among[k] = begin + k
-        square[k] = (point_x[k] - x) ** 2 + (point_y[k] - y) ** 2
+        kept += square[k] <= high
+    return among[:kept]
 
 
 @compiled
 def _inside(square: Array, limit: float) -> int:
-    """How many of the squares are not above a limit."""
+    """How many of the squares are not above a limit; compiles to vector code."""
     count = 0
     for k in range(len(square)):
         count += square[k] <= limit
     return count
-
-
-@compiled
-def _limit(square: Array, high: float, above: int) -> float:
-    """A bound that at least SEARCHED of the squares are not above, more only in case of ties. `above` are not above
-    `high`.
-    """
-    low, below = -1e-9, 0
-    while high - low > 1e-9 * max(high, 1e-9):
-        share = (SEARCHED + 0.5 - below) / (above - below)  # as if they lay evenly between the bounds
-        middle = low + min(max(share, 0.1), 0.9) * (high - low)
-        inside = _inside(square, middle)
-        if inside == SEARCHED:
-            return middle
-        if inside < SEARCHED:
-            low, below = middle, inside
-        else:
-            high, above = middle, inside
-    return high
 
 
 @compiled

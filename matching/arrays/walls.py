@@ -1,8 +1,10 @@
-"""A scene graph's wall surfaces as arrays, storey by storey, in a frame that follows the walls."""
+"""A scene graph's wall surfaces and doors as arrays, storey by storey, in a frame that follows the walls."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +14,10 @@ from data.geometry.se2 import Array
 from data.geometry.wall_directions import WallDirections
 from data.scene_graph import Room, SceneGraph, WallSurface
 
+T = TypeVar("T")
 Index = NDArray[np.int64]
 BUILDING_GAP = 10.0  # metres
+PLANS_CACHED = 4
 UNKNOWN_HALF_LENGTH = 1.0  # metres, if neither the graph nor the room's other walls give it
 
 
@@ -89,6 +93,17 @@ class Walls(WallDirections):
         return np.sqrt(np.clip(2 * self.half, 0.35, 6.0))
 
 
+@dataclass(frozen=True)
+class Doors:
+    """N doors between rooms, in the own frame of the walls."""
+
+    place: Array  # (N, 2)
+    rooms: Index  # (N, 2) indices into the walls' rooms; -1 where a door leads out, or to a room without walls
+
+    def __len__(self) -> int:
+        return len(self.rooms)
+
+
 def storeys(graph: SceneGraph) -> list[Walls]:
     """Returns the graph's storeys that have wall surfaces, in the order of `floors`, then of appearance."""
     floor_of = {r.id: r.floor for r in graph.rooms}
@@ -122,24 +137,44 @@ def arrays(graph: SceneGraph, floor: str | None, surfaces: list[WallSurface]) ->
     return Walls(tuple(w.id for w in surfaces), floor, own, heading, half, known, room, tuple(rooms), T_graph_own)
 
 
+def doors(graph: SceneGraph, walls: Walls) -> Doors:
+    """The doors of a graph that lead into a room of these walls."""
+    index = {room.id: n for n, room in enumerate(walls.rooms)}
+    joined = [(*(index.get(r, -1) for r in door.rooms[:2]), -1, -1)[:2] for door in graph.doors]
+    rooms = np.array(joined, dtype=np.int64).reshape(-1, 2)
+    place = np.array([door.centroid for door in graph.doors], dtype=float).reshape(-1, 2)
+    here = (rooms >= 0).any(axis=1)
+    return Doors(se2.apply(se2.inverse(walls.T_graph_own), place[here]), rooms[here])
+
+
 def between_graphs(s: Walls, a: Walls, motion: Array) -> Array:
     """(3,) T_a_s between the graphs' frames, from a motion between their own frames."""
     return se2.compose(se2.compose(a.T_graph_own, motion), se2.inverse(s.T_graph_own))
 
 
-def crossings(centre: Array, heading: Array) -> tuple[Array, Array]:
-    """Where the lines of surfaces i and j cross, for all pairs.
+class PlanCache(Generic[T]):
+    """The results of a function for the last few graphs; a graph is recognised by its identity."""
 
-    Returns (N, N) `along`: the crossing's place on i, from i's centre along its tangent (infinite for
-    parallel lines); and (N, N) `turn`: the angle from normal i to normal j.
-    """
-    turn = se2.wrap(heading[None, :] - heading[:, None])
-    normal = np.stack((np.cos(heading), np.sin(heading)), axis=-1)
-    offset = np.einsum("ijk,jk->ij", centre[None, :] - centre[:, None], normal)
-    # The tangent of i has the component sin(turn) along the normal of j.
-    slope = np.sin(turn)
-    parallel = np.abs(slope) < np.sin(np.radians(30))
-    return np.where(parallel, np.inf, offset / np.where(parallel, 1.0, slope)), turn
+    def __init__(self, work: Callable[[SceneGraph], T]) -> None:
+        self._work = work
+        self._known: dict[int, tuple[SceneGraph, T]] = {}  # the last used is last
+
+    def __call__(self, graph: SceneGraph) -> T:
+        """Returns the function's result for a graph."""
+        # The graph is kept too, so that no other gets its id.
+        known = self._known.pop(id(graph), None) or (graph, self._work(graph))
+        self._known[id(graph)] = known
+        if len(self._known) > PLANS_CACHED:
+            del self._known[next(iter(self._known))]
+        return known[1]
+
+
+def points_along(centre: Array, tangent: Array, half: Array, count: Index) -> tuple[Array, Index]:
+    """(P, 2) `count` (N,) points along each wall, at least two, from end to end; and (P,) the walls they belong to."""
+    wall = np.repeat(np.arange(len(half)), count)
+    step = np.arange(len(wall)) - np.repeat(np.cumsum(count) - count, count)
+    along = (2 * step / (count[wall] - 1) - 1) * half[wall]
+    return centre[wall] + along[:, None] * tangent[wall], wall
 
 
 def _grid(heading: Array, weight: Array) -> float:
@@ -148,23 +183,24 @@ def _grid(heading: Array, weight: Array) -> float:
 
 
 def _buildings(centre: Array, tangent: Array, half: Array) -> Index:
-    """(N,) labels, equal for walls that are near each other; walls are sampled as rows of points."""
+    """(N,) labels, equal for walls that are near each other."""
     from scipy.sparse import coo_matrix  # slow to import
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    count = np.ceil(2 * half / BUILDING_GAP).astype(np.int64) + 1
-    wall = np.repeat(np.arange(len(half)), count)
-    step = np.arange(len(wall)) - np.repeat(np.cumsum(count) - count, count)
-    along = (2 * step / (count[wall] - 1) - 1) * half[wall]
-    i, j = cKDTree(centre[wall] + along[:, None] * tangent[wall]).query_pairs(BUILDING_GAP, output_type="ndarray").T
+    points, wall = points_along(centre, tangent, half, np.ceil(2 * half / BUILDING_GAP).astype(np.int64) + 1)
+    i, j = cKDTree(points).query_pairs(BUILDING_GAP, output_type="ndarray").T
     near = coo_matrix((np.ones(len(i)), (wall[i], wall[j])), shape=(len(half), len(half)))
     return np.asarray(connected_components(near, directed=False)[1], dtype=np.int64)
 
 
 def _half_from_room(centre: Array, heading: Array, room: Index) -> Array:
     """(N,) half length such that the surface reaches the nearest wall of its room that it would meet."""
-    along, _ = crossings(centre, heading)
+    slope = np.sin(se2.wrap(heading[None, :] - heading[:, None]))  # of the tangent of i, along the normal of j
+    normal = np.stack((np.cos(heading), np.sin(heading)), axis=-1)
+    offset = np.einsum("ijk,jk->ij", centre[None, :] - centre[:, None], normal)
+    parallel = np.abs(slope) < np.sin(np.radians(30))
+    along = np.where(parallel, np.inf, offset / np.where(parallel, 1.0, slope))  # of i, to where the line of j crosses
     same = (room[:, None] == room[None, :]) & (room >= 0)[:, None]
     reach = np.min(np.where(same & (np.abs(along) > 0.1), np.abs(along), np.inf), axis=1, initial=np.inf)
     return np.where(np.isfinite(reach), np.clip(reach, 0.2, 5.0), UNKNOWN_HALF_LENGTH)

@@ -16,9 +16,8 @@ from data.geometry import se2
 from data.geometry.se2 import Array
 from data.scene_graph import SceneGraph
 from matching.arrays import Index, arrays
-from matching.arrays.doors import doors
 from matching.arrays.groups import groups
-from matching.arrays.walls import between_graphs
+from matching.arrays.walls import between_graphs, doors
 from matching.engine.alternatives import alternative_placements
 from matching.engine.evidence import Chance, evidence
 from matching.engine.field import Fields, Scene, explained, motions

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from data.geometry.se2 import Array
 from data.scene_graph import SceneGraph
 from matching.arrays import Doors, Index, Walls, storeys
-from matching.arrays.doors import doors
+from matching.arrays.walls import doors
 from matching.engine.corners import Marks, corners
 
 DIRECTION = 15  # degrees

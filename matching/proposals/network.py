@@ -96,11 +96,9 @@ class Encoded(NamedTuple):
 
     def padded(self) -> "Encoded":
         """With a wall and a room at the end that stand for none."""
-        rows = {
-            name: pad(getattr(self, name), (0, 0, 0, 1)) for name in ("walls", "rooms", "no_wall", "no_room", "wall")
-        }
-        index = {name: pad(getattr(self, name), (0, 1), value=-1) for name in ("room", "floor")}
-        return Encoded(**rows, **index, near=pad(self.near, (0, 0, 0, 1), value=-1))
+        walls, rooms, no_wall, no_room, wall = (pad(x, (0, 0, 0, 1)) for x in self[:5])
+        room, floor = (pad(x, (0, 1), value=-1) for x in (self.room, self.floor))
+        return Encoded(walls, rooms, no_wall, no_room, wall, room, floor, pad(self.near, (0, 0, 0, 1), value=-1))
 
 
 class Output(NamedTuple):
@@ -248,12 +246,10 @@ class MatchingNetwork(nn.Module):
             column, table = output.walls[-1]
             probability = table.softmax(dim=-1)
             found = expanded(s, a, dense, found._replace(likely=probability[:, :-1]), self.settings.more)
-            if enough >= 1:
-                self._cycle(s, a, found, output)
-                continue
             sure = sure | (probability.amax(dim=-1).mean() >= enough)
             self._cycle(s, a, found._replace(column=torch.where(sure, -1, found.column)), output)
-            column, table = pad(column, (0, self.settings.more), value=-1), _widened(table, self.settings.more)
+            column = pad(column, (0, self.settings.more), value=-1)
+            table = torch.cat((pad(table[:, :-1], (0, self.settings.more), value=NOTHING), table[:, -1:]), dim=-1)
             later_column, later = output.walls[-1]
             output.walls[-1] = torch.where(sure, column, later_column), torch.where(sure, table, later)
         return output._replace(rooms=[table[:-1] for table in output.rooms])
@@ -283,11 +279,6 @@ class MatchingNetwork(nn.Module):
             likely = output.walls[-1][1].softmax(dim=-1)[:, :-1]
             update = self.room_step(room_shares(s, a, found.column, likely, size, first))[..., 0]
             output.rooms.append(torch.cat((first[:, :-1] + update, first[:, -1:]), dim=-1))
-
-
-def _widened(table: Tensor, more: int) -> Tensor:
-    """Logits (N, K + 1) as (N, K + more + 1)."""
-    return torch.cat((pad(table[:, :-1], (0, more), value=NOTHING), table[:, -1:]), dim=-1)
 
 
 def first_candidates(dense: Tensor, count: int) -> Candidates:
@@ -361,10 +352,6 @@ class Compared(NamedTuple):
         one, other, third, fourth = self.left.unbind(-1)
         return torch.maximum(torch.maximum(one, other), torch.maximum(third, fourth))
 
-    def rows(self, kept: Tensor) -> "Compared":
-        """Some of them."""
-        return Compared(*(x[kept] for x in self))
-
 
 def _square(vector: Tensor) -> Tensor:
     """(E,) the squared lengths of vectors (E, n). A sum over their last axis fails for E = 0 in ONNX Runtime 1.26."""
@@ -410,7 +397,8 @@ def supporting(s: Encoded, a: Encoded, column: Tensor) -> Support:
     kept = ((compared.cos > LEAST_COS) & (compared.most < LEFT_M)).nonzero()[:, 0]
     i, j, p, q, at, other = (index[kept] for index in (i, j, p, q, at, other))
     k = column.shape[1]
-    return Support(i * k + at, j * k + other, _comparison(s, a, (i, j), (p, q), compared.rows(kept)))
+    compared = Compared(*(x[kept] for x in compared))
+    return Support(i * k + at, j * k + other, _comparison(s, a, (i, j), (p, q), compared))
 
 
 def _comparison(

@@ -10,11 +10,11 @@ from typing import Any
 from data import SceneGraph
 from data.synthetic_maps.exploration import storeys_of
 from matching import Matcher
-from matching.ambiguity import MatchCache, PlanIssue, RoomsToLocalise, SelfSimilarity, SimilarPlace, plan_issues
-from matching.ambiguity.plan_checks import count_walls, walls_without_room
-from matching.ambiguity.rooms_to_localise import rooms_to_localise
+from matching.ambiguity.plan_checks import PlanIssue, count_walls, plan_issues, walls_without_room
+from matching.ambiguity.rooms_to_localise import MatchCache, RoomsToLocalise, rooms_to_localise
+from matching.ambiguity.symmetries import SelfSimilarity, SimilarPlace
 
-BLOCK = 12  # start rooms of a storey that share results on perfect maps, with any number of processes
+BLOCK = 12  # start rooms of a storey that one process inspects, since their maps are partly the same
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 Block = tuple[int, range]  # index of the storey, indices of its start rooms
@@ -29,7 +29,7 @@ class RoomInspection:
 
     def to_dict(self) -> dict[str, Any]:
         """Its form in inspection.json."""
-        return {**asdict(self.to_localise), "similar_places": [place.to_dict() for place in self.similar_places]}
+        return {**asdict(self.to_localise), "similar_places": [asdict(place) for place in self.similar_places]}
 
 
 @dataclass(frozen=True)
@@ -46,11 +46,11 @@ class Inspection:
         """The form of inspection.json."""
         return {
             "notices": list(self.notices),
-            "issues": [issue.to_dict() for issue in self.issues],
+            "issues": [asdict(issue) for issue in self.issues],
             "storeys": [
                 {"id": f.id, "name": f.name, "elevation": f.elevation, **self.counts(f.id)} for f in self.graph.floors
             ],
-            "similar_storeys": [place.to_dict() for place in self.similar_storeys],
+            "similar_storeys": [asdict(place) for place in self.similar_storeys],
             "rooms": [
                 {"name": self.graph.room_by_id[room].name, **found.to_dict()} for room, found in self.rooms.items()
             ],
@@ -131,7 +131,6 @@ class _RoomInspector:
     def __call__(self, block: Block) -> Iterator[RoomInspection]:
         index, starts = block
         cache = self._caches[index]
-        cache.clear_perfect_maps()
         for start in starts:
             found = rooms_to_localise(cache, start, self._similarity)
             bare = found.outcome == "no walls"

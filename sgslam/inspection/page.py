@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from statistics import median_high
 
 from data import Floor
-from matching.ambiguity import SimilarPlace
+from matching.ambiguity.symmetries import SimilarPlace
 from sgslam.inspection.inspection import Inspection, RoomInspection
 from sgslam.inspection.plan_svg import heat_legend, room_count_text, storey_svg
 from sgslam.report.html_page import TEMPLATES

@@ -5,7 +5,7 @@ from html import escape
 import numpy as np
 
 from data import Room, SceneGraph
-from matching.ambiguity import RoomsToLocalise
+from matching.ambiguity.rooms_to_localise import RoomsToLocalise
 from sgslam.inspection.inspection import Inspection
 from sgslam.report.plan_drawing import DrawnRoom, PlanDrawing, planned_wall
 from sgslam.report.plan_svg import Pen, scale_bar, view_box

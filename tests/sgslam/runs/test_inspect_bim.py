@@ -23,8 +23,8 @@ from data.synthetic_maps.exploration import Walk, storeys_of
 from data.synthetic_maps.noise_models import draw_walk
 from data.synthetic_maps.walks import nearest_first
 from matching import Matcher
-from matching.ambiguity import MatchCache, Trials, plan_issues
-from matching.ambiguity.rooms_to_localise import best_split
+from matching.ambiguity.plan_checks import plan_issues
+from matching.ambiguity.rooms_to_localise import MatchCache, Trials, best_split
 from sgslam.inspection import Inspection, InspectionSettings, inspect
 from sgslam.inspection.page import inspection_html
 

@@ -3,7 +3,8 @@
 M. Shaheer, J. A. Millan-Romera, H. Bavle, J. L. Sanchez-Lopez, J. Civera, H. Voos: Graph-based Global Robot
 Localization Informing Situational Graphs with Architectural Graphs. IROS 2023, as its public code does it.
 
-1. Rooms: all assignments of S rooms to A rooms; of each the densest set whose distances agree; the largest sets.
+1. Rooms: all assignments of S rooms to A rooms; of each the densest set whose distances agree (CLIPPER); the largest
+   sets.
 2. Walls: for each pair of rooms in them, all assignments of their walls in the same way, about the rooms' centres.
 3. Combinations: every choice of wall sets for a set of rooms, scored by its mean affinity.
 4. Result: the best combination and all that tie with it. One is unique, several are symmetries.
@@ -12,21 +13,26 @@ Walls are infinite planes: lengths, doors, adjacency and floors play no part. Di
 mirror, so mirror images are found too. The search is exponential in rooms and factorial in walls. It differs from the
 published one as follows: random starts have a seed, rounding makes no angle undefined, an empty map gives a result,
 walls without a room are paired one to one, and a rigid motion is fitted to the pairs. Earlier maps are not remembered.
+
+P. C. Lusk, K. Fathian, J. P. How: CLIPPER: A Graph-Theoretic Framework for Robust Data Association. ICRA 2021.
+max u'Mu over unit u >= 0 with u_i u_j = 0 where i and j contradict each other (M_ij = 0): projected gradient ascent
+of u'(M - d C)u, C marking contradictions, with d raised until none is left.
 """
 
+import itertools
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from data.geometry import se2
 from data.geometry.se2 import Array
 from data.scene_graph import SceneGraph, WallSurface
 from matching.arrays import Index
-from matching.combinatorial.clipper import AgreeingSet, Deadline, Pairs, TimeIsUpError, agreeing_sets, assignments
 from matching.result import Hypothesis, MatchResult, Start, near_start
 
 TIME_LIMIT_S = 60.0
@@ -35,6 +41,127 @@ TIE = 0.01  # solutions whose consistency differs by no more are as good as each
 MOST_COMBINATIONS = 1 << 17  # that are scored at once
 ROOM_WEIGHT = 0.1  # of a centroid relative to a wall in the fit: decides only what the walls leave undetermined
 LISTED = 10  # hypotheses in the result, at most
+LEAST_SCORE = 0.85  # of a set of pairs, as in the released matcher
+MOST_ASSIGNMENTS, MOST_AFFINITIES = 4096, 1 << 20  # that are computed at once
+
+# of the ascent
+INNER, OUTER = 200, 1000  # iterations at most: steps for one d, and values of d
+STEP_TOLERANCE, VALUE_TOLERANCE, ZERO = 1e-8, 1e-9, 1e-9
+BACKTRACK, MOST_BACKTRACKS = 0.25, 99  # a step that loses is cut to a quarter
+
+Pairs = tuple[tuple[int, int], ...]  # (S, A) rows
+
+
+class TimeIsUpError(Exception):
+    """The search exceeded its time limit."""
+
+
+@dataclass(frozen=True)
+class Deadline:
+    """The time at which the search stops, by `time.perf_counter()`."""
+
+    at: float
+
+    def check(self) -> None:
+        """Raises TimeIsUpError."""
+        if time.perf_counter() > self.at:
+            raise TimeIsUpError
+
+
+def assignments(s: int, a: int, fits: NDArray[np.bool_] | None = None) -> Iterator[Index]:
+    """Yields all ways to assign s data different ones of a data, (B, s) at a time; none if s is more than a.
+
+    With `fits` (a, s), only those whose pairs all fit.
+    """
+    every = itertools.chain.from_iterable(itertools.permutations(range(a), s))
+    chunk = min(MOST_ASSIGNMENTS, max(1, MOST_AFFINITIES // max(s, 1) ** 2))
+    for _ in range(-(-math.perm(a, s) // chunk) if s else 0):
+        of_a = np.fromiter(itertools.islice(every, chunk * s), dtype=np.int64).reshape(-1, s)
+        yield of_a if fits is None else of_a[fits[of_a, np.arange(s)].all(axis=1)]
+
+
+def agreeing_sets(assigned: Iterator[Index], affinity: Callable[[Index], Array], deadline: Deadline) -> list[Pairs]:
+    """Returns the largest sets of pairs within the assignments whose score is above `LEAST_SCORE`, each once, in order
+    of finding.
+
+    `affinity` maps (B, n), the A data of the n S data, to (B, n, n) affinities in [0, 1], 1 on the diagonal. Raises
+    TimeIsUpError.
+    """
+    rng = np.random.default_rng(0)  # the publication takes any seed; a fixed one gives the same answer each time
+    found: dict[Pairs, None] = {}
+    longest = 0
+    for of_a in assigned:
+        deadline.check()
+        value, chosen = densest(affinity(of_a), rng, deadline)
+        size = chosen.sum(axis=1)
+        score = value / np.maximum(size, 1)
+        longest = max(longest, int(size[score > LEAST_SCORE].max(initial=0)))
+        for k in np.nonzero((score > LEAST_SCORE) & (size == longest))[0]:
+            at = np.nonzero(chosen[k])[0]
+            found[tuple(zip(at.tolist(), of_a[k, at].tolist(), strict=True))] = None
+    return [pairs for pairs in found if len(pairs) == longest > 0]
+
+
+def densest(M: Array, rng: np.random.Generator, deadline: Deadline) -> tuple[Array, NDArray[np.bool_]]:
+    """Solves B problems of (B, n, n) affinities from random starts.
+
+    Returns u'Mu (B,), and which of the n pairs are chosen (B, n): the largest entries of u, as many as the value.
+    Raises TimeIsUpError.
+    """
+    u = _unit(_times(M, rng.random(M.shape[:2])))
+    contradicts = (M == 0).astype(float)
+    d = _penalty(M, contradicts, u)
+    value = np.zeros(len(M))
+    left = np.arange(len(M))
+    for _ in range(OUTER):
+        value[left], u[left] = _climb(M[left] - d[left, None, None] * contradicts[left], u[left], deadline)
+        more = _penalty(M[left], contradicts[left], u[left])
+        d[left] += more
+        left = left[more > 0]
+        if not len(left):
+            break
+    rank = np.argsort(np.argsort(-u, axis=1, kind="stable"), axis=1)
+    return value, rank < np.round(value)[:, None]
+
+
+def _climb(Md: Array, u: Array, deadline: Deadline) -> tuple[Array, Array]:
+    """Projected gradient ascent of u'Md u on the part u >= 0 of the unit sphere."""
+    value = np.sum(u * _times(Md, u), axis=1)
+    left = np.arange(len(Md))
+    for _ in range(INNER):
+        deadline.check()
+        now, own, before = u[left], Md[left], value[left]
+        gradient = _times(own, now)
+        step = np.ones(len(left))
+        for _ in range(MOST_BACKTRACKS):
+            new = _unit(np.maximum(now + step[:, None] * gradient, 0.0))
+            after = np.sum(new * _times(own, new), axis=1)
+            lost = after < before - VALUE_TOLERANCE
+            if not lost.any():
+                break
+            step[lost] *= BACKTRACK
+        u[left], value[left] = new, after
+        moved = np.linalg.norm(new - now, axis=1) >= STEP_TOLERANCE
+        left = left[moved & (np.abs(after - before) >= VALUE_TOLERANCE)]
+        if not len(left):
+            break
+    return value, u
+
+
+def _penalty(M: Array, contradicts: Array, u: Array) -> Array:
+    """(B,) by how much d is to be raised; 0 if no contradiction is left."""
+    against = _times(contradicts, u)
+    at = (against > ZERO) & (u > ZERO)
+    ratio = np.where(at, _times(M, u) / np.where(at, against, 1.0), 0.0)
+    return np.asarray(np.abs(ratio.sum(axis=1) / np.maximum(at.sum(axis=1), 1)))
+
+
+def _times(M: Array, u: Array) -> Array:
+    return np.asarray(np.matmul(M, u[..., None])[..., 0])
+
+
+def _unit(u: Array) -> Array:
+    return np.asarray(u / np.maximum(np.linalg.norm(u, axis=-1, keepdims=True), 1e-300))
 
 
 @dataclass(frozen=True)
@@ -147,14 +274,13 @@ class Search:
             score[:, np.arange(n), np.arange(n)] = 1.0
             return score
 
-        found = agreeing_sets(assignments(n, len(self.a.rooms)), affinity, self.deadline)
-        return [x.pairs for x in found]
+        return agreeing_sets(assignments(n, len(self.a.rooms)), affinity, self.deadline)
 
-    def _wall_sets(self, r: int, q: int) -> list[AgreeingSet]:
+    def _wall_sets(self, r: int, q: int) -> list[Pairs]:
         """Sets of wall pairs of S room r and A room q, as rows of the graphs' walls."""
         of_s, of_a = self.s.of_room[r], self.a.of_room[q]
         if not len(of_s):
-            return [AgreeingSet((), 1.0)]  # a room without walls stands by its place alone
+            return [()]  # a room without walls stands by its place alone
         away_s, away_a = (np.linalg.norm(x, axis=-1) for x in (self.s.feet(of_s, r), self.a.feet(of_a, q)))
         fits = DISTANCES(np.abs(away_a[:, None] - away_s[None, :])) >= LEAST_AFFINITY
         ours, theirs = self.s.compared(of_s, r), self.a.compared(of_a, q)
@@ -164,24 +290,24 @@ class Search:
             return wall_affinity(ours, (distance, angle))
 
         found = agreeing_sets(assignments(len(of_s), len(of_a), fits), affinity, self.deadline)
-        return [AgreeingSet(tuple((int(of_s[i]), int(of_a[j])) for i, j in x.pairs), x.score) for x in found]
+        return [tuple((int(of_s[i]), int(of_a[j])) for i, j in pairs) for pairs in found]
 
-    def combined(self, rooms: Pairs, sets: Sequence[list[AgreeingSet]]) -> list[Solution]:
+    def combined(self, rooms: Pairs, sets: Sequence[list[Pairs]]) -> list[Solution]:
         """Returns all consistent combinations of one wall set of each room pair. Raises TimeIsUpError.
 
         The mean of a combination's affinities is computed as a sum of blocks, one for each pair of wall sets.
         """
-        walls = list(dict.fromkeys(pair for options in sets for x in options for pair in x.pairs))
+        walls = list(dict.fromkeys(pair for options in sets for x in options for pair in x))
         row = {pair: k for k, pair in enumerate(walls)}
         member = np.zeros((sum(len(options) for options in sets), len(walls)))
         for k, x in enumerate(x for options in sets for x in options):
-            member[k, [row[pair] for pair in x.pairs]] = 1.0
+            member[k, [row[pair] for pair in x]] = 1.0
         affinity = self.pair_affinity(rooms[0], walls)
         np.fill_diagonal(affinity, 0.0)
         block = member @ affinity @ member.T
         sizes = [len(options) for options in sets]
         first = np.cumsum([0, *sizes[:-1]])
-        number = sum(len(options[0].pairs) for options in sets)
+        number = sum(len(options[0]) for options in sets)
         found = []
         for begin in range(0, math.prod(sizes) if number > 1 else 0, MOST_COMBINATIONS):
             self.deadline.check()
@@ -264,16 +390,15 @@ class CombinatorialMatcher:
             if empty:
                 return MatchResult("none", f"the {what} has no room")
         ours, theirs = Planes.of(s), Planes.of(plan)
+        reason = "no set of rooms and walls agrees with the plan"
         try:
             solutions = Search(ours, theirs, Deadline(began + TIME_LIMIT_S)).run()
         except TimeIsUpError:
-            reason = f"the search did not end within {TIME_LIMIT_S:g} s"
-            return MatchResult("none", reason, seconds=time.perf_counter() - began)
+            solutions, reason = [], f"the search did not end within {TIME_LIMIT_S:g} s"
         found = [(m, fitted(ours, theirs, m)) for m in solutions]
         if start is not None:
             found = [(m, T) for m, T in found if near_start(start, np.array(T))]
         if not found:
-            reason = "no set of rooms and walls agrees with the plan"
             return MatchResult("none", reason, seconds=time.perf_counter() - began)
         hypotheses = []
         for m, T_a_s in found[:LISTED]:
