@@ -33,7 +33,6 @@ TESTS = {  # of each module; what is compiled once must not be compiled for each
     "sgslam/registration/health.py": ("tests/sgslam/registration/test_health.py",),
     "sgslam/session/soundness/quality.py": ("tests/sgslam/outputs/test_quality.py",),
     "matching/engine/verdict.py": VERDICTS,
-    "matching/engine/calibration.py": VERDICTS,
     "matching/engine/alternatives.py": (
         *VERDICTS, "tests/matching/test_equal_rooms.py", "tests/matching/test_verified_matching.py",
     ),

@@ -24,9 +24,8 @@ from data.synthetic_maps.wall_noise import MISSING, SIGMA_ACROSS, SIGMA_END
 from matching.arrays.walls import between_graphs
 from matching.engine.alternatives import alternative_placements
 from matching.engine.evidence import Chance, Noise, evidence
-from matching.engine.field import Fields, Scene, explained, rigid_state
+from matching.engine.field import Fields, Scene, distinct, explained, rigid, rigid_state
 from matching.engine.field_loops import SIGMA_SCORE
-from matching.engine.field_rigid import distinct, rigid
 from matching.engine.guided_field import guided
 from matching.engine.hypotheses import LAST_SIGMAS, polished, scene_of
 from matching.engine.plan_walls import PlanWalls

@@ -6,13 +6,16 @@ import numpy as np
 
 from data.common.compiled import compiled
 from data.geometry.se2 import Array
+from data.geometry.se2_compiled import wrapped
 from matching.arrays import Index
 from matching.engine.field import Fields, Scene
-from matching.engine.field_loops import Loops
-from matching.engine.field_partners import nearest, partners
+from matching.engine.field_loops import Loops, of_direction, off_lines, turns, wall_poses
 from matching.engine.field_step import stepped
 
 FRESH_M, FRESH_RAD = 0.6, float(np.radians(6))  # how far a group may move before its walls' partners are searched again
+GATE_M = 2.0  # metres across and beyond the ends, of pairs that are considered at all
+GATE_RAD = float(np.radians(25))
+PARTNERS = 10
 
 
 @dataclass(frozen=True)
@@ -66,3 +69,56 @@ def _out_of_date(state: Array, seen: Array) -> bool:
         if moved > FRESH_M or abs(state[g, 0] - seen[g, 0]) > FRESH_RAD:
             return True
     return False
+
+
+def partners(scene: Scene, fields: Fields) -> Index:
+    """(K, Ns, PARTNERS) the A walls that each S wall may be, nearest first, -1 where there are fewer."""
+    return np.asarray(_partners(scene.loops, fields.storey, fields.state))
+
+
+@compiled
+def _partners(m: Loops, storey: Index, state: Array) -> Index:
+    table = np.empty((len(storey), len(m.heading), PARTNERS), dtype=np.int64)
+    for k in range(len(storey)):
+        nearest(m, storey[k], state[k], table[k])
+    return table
+
+
+@compiled
+def nearest(m: Loops, storey: int, state: Array, table: Index) -> None:
+    """Writes the partners (Ns, PARTNERS) of one field; only A walls of a similar direction are considered."""
+    least_cos, cost, pose = np.cos(GATE_RAD), np.empty(PARTNERS), wall_poses(m, state, turns(state))
+    half, lines, order = m.half, m.ordered_lines, m.order
+    begin, end = m.first[storey], m.first[storey + 1]
+    across = np.empty(end - begin)
+    table[:] = -1
+    for i in range(len(pose)):
+        x, y, turned, count = pose[i, 1], pose[i, 2], wrapped(pose[i, 0]), 0
+        cos, sin = np.cos(turned), np.sin(turned)
+        stretch = of_direction(m.ordered, begin, end, turned, GATE_RAD + 1e-9)
+        for first, last in (stretch[:2], stretch[2:]):
+            off_lines(lines, first, last, x, y, across)
+            for n in range(first, last):
+                off = across[n - first]
+                if off > GATE_M or cos * lines[2, n] + sin * lines[3, n] < least_cos:
+                    continue
+                off += max(abs(lines[2, n] * y - lines[3, n] * x - lines[5, n]) - lines[0, n] - half[i], 0.0)
+                if off <= GATE_M:
+                    count = _inserted(table, i, cost, count, order[n], off)
+
+
+@compiled
+def _inserted(table: Index, i: int, cost: Array, count: int, j: int, off: float) -> int:
+    """Inserts a wall among the `count` nearest ones of a row (the first of ties stays first) and returns their new
+    number.
+    """
+    most, at = table.shape[1], min(count, table.shape[1])
+    while at > 0 and (off < cost[at - 1] or (off == cost[at - 1] and j < table[i, at - 1])):
+        at -= 1
+    if at == most:
+        return count
+    count = min(count + 1, most)
+    for later in range(count - 1, at, -1):
+        table[i, later], cost[later] = table[i, later - 1], cost[later - 1]
+    table[i, at], cost[at] = j, off
+    return count

@@ -20,9 +20,8 @@ from matching.arrays.groups import groups
 from matching.arrays.walls import between_graphs, doors
 from matching.engine.alternatives import alternative_placements
 from matching.engine.evidence import Chance, evidence
-from matching.engine.field import Fields, Scene, explained, motions
+from matching.engine.field import Fields, Scene, distinct, explained, motions, rigid
 from matching.engine.field_loops import SIGMA_SCORE
-from matching.engine.field_rigid import distinct, rigid
 from matching.engine.guided_field import GuidedFields, advance, guided
 from matching.engine.local_restarts import restart_locally
 from matching.engine.plan_walls import PlanWalls

@@ -9,12 +9,11 @@ import numpy as np
 from data.scene_graph import SceneGraph
 from matching.arrays import PlanCache
 from matching.engine.assignment import assign, assign_rooms
-from matching.engine.calibration import shipped
 from matching.engine.field import Scene
 from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
 from matching.engine.proposals import TopK
-from matching.engine.verdict import verify
+from matching.engine.verdict import shipped, verify
 from matching.result import Hypothesis, MatchResult, Start, near_start
 
 LISTED = 10  # hypotheses in the result, at most

@@ -1,15 +1,19 @@
 """Decides between unique, ambiguous and none: whether the map is in the plan at all, and whether in one place only.
 
-A map of another building also has a best place. Its evidence grows with the plan's size, and the runner-up is close.
+A map of another building also has a best place. Its evidence grows with the plan's size, and the runner-up is close. The
+constants of both probabilities, and of all confidences, are fitted by `python -m matching.training.calibrate`.
 """
 
+import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 
 from matching.engine.assignment import Pairs
-from matching.engine.calibration import Calibration, shipped
 from matching.engine.field import judge
 from matching.engine.field_loops import SIGMA_SCORE
 from matching.engine.hypotheses import Hypotheses
@@ -19,6 +23,60 @@ SURE = 0.98  # probability that the map is in the plan, and that it is in this p
 LEAST_SURFACES = 5  # of the map that have a partner: with fewer, any plan of a few walls would do
 MOST_UNEXPLAINED = 0.5  # of the map's walls, by length: where more is, the plan is not the map's
 PLACES_PER_M2 = 40.0  # that a vote can separate: four directions of the grid, a third of a metre
+SHIPPED = Path(__file__).parents[1] / "weights" / "calibration.json"
+MOST_LOG_ODDS = 50.0
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Models of probabilities; evidence is in nats.
+
+    `place` are the coefficients of the log odds that the map is in the plan: of log(1 + evidence / `unit`) of the best
+    hypothesis, of the share of the map, by length of walls, that it leaves unexplained, of the logarithm of the
+    number of places in the plan, and a constant (J. Platt: Probabilistic outputs for support vector machines, 1999).
+    `separation` (a, b): hypotheses are as likely as a softmax of their evidence over a + b times the number of
+    unexplained walls says: at another place as much may differ from the plan. `room` and `surface` (offset, slope): the
+    log odds of a pair at the right place in those of its share among what stood to choose.
+    """
+
+    place: tuple[float, float, float, float]
+    unit: float
+    separation: tuple[float, float]
+    room: tuple[float, float]
+    surface: tuple[float, float]
+
+    def in_plan(self, evidence: float, unexplained: float, places: float) -> float:
+        """The probability that the map is in the plan; `places` is the logarithm of their number."""
+        of, share, number, constant = self.place
+        return probability(of * grown(evidence, self.unit) + share * unexplained + number * places + constant)
+
+    def best_of(self, evidence: Sequence[float], unexplained: float) -> float:
+        """The probability that the first hypothesis is the right one, if one of them is."""
+        scale = self.separation[0] + self.separation[1] * unexplained
+        return 1 / sum(math.exp(min((other - evidence[0]) / scale, MOST_LOG_ODDS)) for other in evidence)
+
+    def confidence(self, share: float, of: tuple[float, float]) -> float:
+        """The probability of a pair, given that the place is right; `of` is `room` or `surface`."""
+        share = min(max(share, 1e-9), 1 - 1e-9)
+        return probability(of[0] + of[1] * math.log(share / (1 - share)))
+
+
+def grown(evidence: float, unit: float) -> float:
+    """How evidence in nats counts: by its logarithm, since walls that agree are not independent."""
+    return math.log1p(max(evidence, 0.0) / unit)
+
+
+def probability(log_odds: float) -> float:
+    """The probability of log odds."""
+    return 1 / (1 + math.exp(-min(max(log_odds, -MOST_LOG_ODDS), MOST_LOG_ODDS)))
+
+
+@cache
+def shipped() -> Calibration:
+    """The calibration that comes with the package."""
+    stored = json.loads(SHIPPED.read_text(encoding="utf-8"))
+    names = ("place", "separation", "room", "surface")
+    return Calibration(unit=stored["unit"], **{name: tuple(stored[name]) for name in names})
 
 
 @dataclass(frozen=True)

@@ -18,10 +18,9 @@ from data.geometry.se2 import Array
 from data.synthetic_maps.noise_models import DrawnGraph, draw
 from matching.arrays import PlanCache
 from matching.engine.assignment import Pairs, assign
-from matching.engine.calibration import SHIPPED, Calibration, grown
 from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
-from matching.engine.verdict import Signs
+from matching.engine.verdict import SHIPPED, Calibration, Signs, grown
 from matching.training.data import generated, seeds_of
 
 KINDS = ("apartment", "office", "corridor", "l_shape", "skewed", "mirrored_twins", "tower")

@@ -89,13 +89,14 @@ def proposing(share: Callable[[str, str], float]) -> Proposer:
 
 
 @pytest.mark.parametrize("misled", [False, True])
-def test_proposals_of_no_wall_or_of_another_room_give_no_answer(misled: bool) -> None:
+def test_poor_proposals_do_not_mislead(misled: bool) -> None:
     truth = drawn_from(PLAN, "real", 2, 9)
     home = np.array(PLAN.room_by_id[next(iter(truth.rooms.values()))].centroid)
     far = max(PLAN.rooms, key=lambda r: np.hypot(*(np.array(r.centroid) - home)))
     proposer = proposing(lambda i, j: 0.5 if misled and PLAN.surface_by_id[j].room == far.id else 0.0)
     result = GeometricMatcher(proposer).match(truth.s_graph, PLAN)
-    assert result.status == "none" and share_right(result, truth) < 0.2
+    assert result.T_a_s == pytest.approx(GeometricMatcher().match(truth.s_graph, PLAN).T_a_s)
+    assert share_right(result, truth) > 0.8
 
 
 def test_a_symmetric_place_is_found_even_if_not_proposed(drifted: DrawnGraph) -> None:

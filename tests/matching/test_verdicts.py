@@ -12,10 +12,9 @@ from methods import SMALL, as_map
 from plans import moved
 
 from matching.engine.assignment import assign
-from matching.engine.calibration import shipped
 from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
-from matching.engine.verdict import Verdict, verify
+from matching.engine.verdict import Verdict, shipped, verify
 
 WALLS = len(SMALL.wall_surfaces)
 
