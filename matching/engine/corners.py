@@ -13,9 +13,8 @@ from data.geometry.se2 import Array
 from data.geometry.se2_compiled import wrapped
 from matching.arrays import Index, Walls
 
-REACH, FAR_REACH = 1.0, 8.0  # metres from a wall's end to the crossing; where corners are scarce
+REACH = 1.0  # metres from a wall's end to the crossing
 LEAST_SINE = float(np.sin(np.radians(30)))
-END_KINDS = (4, 5)  # beside the four kinds of corners
 
 
 @dataclass(frozen=True)
@@ -34,36 +33,20 @@ class Marks:
         return Marks(self.point[chosen], self.heading[chosen], self.opening[chosen], self.kind[chosen])
 
 
-def corners(walls: Walls, chosen: Index | None = None, scarce: bool = False) -> Marks:
-    """Returns the corners of walls (all, unless some are chosen), each with one heading; if they are `scarce`, also
-    distant crossings and the ends of walls.
-    """
+def corners(walls: Walls, chosen: Index | None = None) -> Marks:
+    """Returns the corners of walls (all, unless some are chosen), each with one heading."""
     chosen = np.arange(len(walls)) if chosen is None else chosen
     room = walls.room[chosen]
     order = np.argsort(room, kind="stable")
     stray = int(np.count_nonzero(room < 0))
     begins = np.searchsorted(room[order], np.unique(room[order[stray:]]))
     ends = np.append(begins[1:], len(order))
-    reach = FAR_REACH if scarce else REACH
-    pairs = _near(walls.centre, walls.half, chosen, order, begins, ends, stray, reach)
-    found = Marks(*_met(walls.centre, walls.normal, walls.heading, walls.half, pairs, reach))
-    return _with_ends(found, walls[chosen]) if scarce else found
-
-
-def _with_ends(found: Marks, walls: Walls) -> Marks:
-    arm, count = walls.half[:, None] * walls.tangent, len(walls)
-    return Marks(
-        np.concatenate((found.point, walls.centre + arm, walls.centre - arm)),
-        np.concatenate((found.heading, walls.heading, walls.heading)),
-        np.concatenate((found.opening, np.zeros(2 * count))),
-        np.concatenate((found.kind, np.repeat(END_KINDS, count))),
-    )
+    pairs = _near(walls.centre, walls.half, chosen, order, begins, ends, stray)
+    return Marks(*_met(walls.centre, walls.normal, walls.heading, walls.half, pairs))
 
 
 @compiled
-def _near(
-    centre: Array, half: Array, chosen: Index, order: Index, begins: Index, ends: Index, stray: int, reach: float
-) -> Index:
+def _near(centre: Array, half: Array, chosen: Index, order: Index, begins: Index, ends: Index, stray: int) -> Index:
     """(E, 2) pairs of walls that may meet; the first `stray` walls in the order have no room."""
     found = [(0, 0) for _ in range(0)]
     for n in range(len(begins)):
@@ -77,7 +60,7 @@ def _near(
             if m != n and (m > n or not lone[m]):
                 i, k = chosen[n], chosen[m]
                 x, y = centre[k, 0] - centre[i, 0], centre[k, 1] - centre[i, 1]
-                if np.hypot(x, y) < half[i] + half[k] + 2 * reach:
+                if np.hypot(x, y) < half[i] + half[k] + 2 * REACH:
                     found.append((i, k))
     pairs = np.empty((len(found), 2), dtype=np.int64)
     for n in range(len(found)):
@@ -86,9 +69,7 @@ def _near(
 
 
 @compiled
-def _met(
-    centre: Array, normal: Array, heading: Array, half: Array, pairs: Index, reach: float
-) -> tuple[Array, Array, Array, Index]:
+def _met(centre: Array, normal: Array, heading: Array, half: Array, pairs: Index) -> tuple[Array, Array, Array, Index]:
     """Points, headings, openings and kinds of the corners of the pairs that meet."""
     point, angles, kind = np.empty((len(pairs), 2)), np.empty((2, len(pairs))), np.empty(len(pairs), dtype=np.int64)
     count = 0
@@ -103,7 +84,7 @@ def _met(
         x, y = centre[k, 0] - centre[i, 0], centre[k, 1] - centre[i, 1]
         along = (x * normal[k, 0] + y * normal[k, 1]) / sine
         back = (x * normal[i, 0] + y * normal[i, 1]) / sine
-        if abs(abs(along) - half[i]) < reach and abs(abs(back) - half[k]) < reach:
+        if abs(abs(along) - half[i]) < REACH and abs(abs(back) - half[k]) < REACH:
             point[count, 0] = centre[i, 0] - along * normal[i, 1]
             point[count, 1] = centre[i, 1] + along * normal[i, 0]
             angles[0, count], angles[1, count] = heading[i] + turn / 2, turn

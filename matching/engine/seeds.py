@@ -22,7 +22,6 @@ from matching.engine.votes import Votes, aligned, candidates, corner_votes
 
 MOST_PARTS = 8  # beside the whole map
 SMALL_PART, MOST_WALLS = 4, 200  # walls; a part with fewer has too few corners to vote, a map with more drifts
-FEW_CORNERS = 4  # with fewer, distant crossings and the ends of walls vote as well
 MOST_PLACES, KEPT = 40, 10  # of each yaw mode; of a part on each storey
 SIGMA, SIGMA_WORTH = 0.4, 0.25  # metres across: neighbours' motions differ; after a step
 LEAST_WORTH = 0.25  # of the best seed's; beyond the fewest, others are no seeds
@@ -57,11 +56,9 @@ def _placements(
     explains."""
     plan, chosen = scene.plan, np.flatnonzero(member[scene.groups.of_wall])
     walls, own = scene.s[chosen], corners(scene.s, chosen)
-    scarce = len(own) < FEW_CORNERS
-    own = corners(scene.s, chosen, scarce) if scarce else own
     storey, motion = [], []
-    for k, a in enumerate(plan.storeys):
-        votes = corner_votes(own, corners(a, scarce=True) if scarce else plan.corners[k])
+    for k in range(len(plan.storeys)):
+        votes = corner_votes(own, plan.corners[k])
         votes = votes if proposed is None else votes.with_those(proposed.of(member, k))
         found = _about(scene.groups.centre[middle], votes)
         best = np.argsort(-aligned(walls, plan, k, found, SIGMA), kind="stable")[:KEPT]
