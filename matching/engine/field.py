@@ -1,8 +1,8 @@
 """A field of motions: each part of the map has its own, tied to its neighbours' and aligned with the plan's walls.
 
 K fields are processed at once. A group's motion is kept as (yaw, x, y) of its centre after the motion, so that a small
-rotation does not move it. `guided_field` finds the walls of the plan that each wall of the map may be, `field_step` moves
-the field.
+rotation does not move it. `field_loops` moves a field by a step, `guided_field` finds the walls of the plan that each
+wall of the map may be.
 """
 
 from dataclasses import dataclass

@@ -1,21 +1,29 @@
-"""Moves fields of motions step by step, updating the candidate A walls of each wall as they move."""
+"""Moves fields of motions step by step, updating the candidate A walls of each wall as they move.
+
+Rooms that explain few walls are restarted at positions nearby: a step of drift can exceed the basin of convergence.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from data.common.compiled import compiled
 from data.geometry.se2 import Array
 from data.geometry.se2_compiled import wrapped
 from matching.arrays import Index
-from matching.engine.field import Fields, Scene
-from matching.engine.field_loops import Loops, of_direction, off_lines, turns, wall_poses
-from matching.engine.field_step import stepped
+from matching.engine.field import Fields, Scene, chi2, explained
+from matching.engine.field_loops import SIGMA_SCORE, Loops, of_direction, off_lines, step, stepped, turns, wall_poses
 
 FRESH_M, FRESH_RAD = 0.6, float(np.radians(6))  # how far a group may move before its walls' partners are searched again
 GATE_M = 2.0  # metres across and beyond the ends, of pairs that are considered at all
 GATE_RAD = float(np.radians(25))
 PARTNERS = 10
+ASIDE = 0.45  # metres, along both axes of the plan, both ways
+RESTART_SIGMAS = (0.25, 0.18, 0.13)
+WELL_EXPLAINED = 0.75  # of a group's walls' weight that are explained
+WALL = 2.0  # nats of a wall that is explained, for its weight,
+MOST_STRAINED = 12.0  # against half the chi^2 to the neighbours, in the mean
 
 
 @dataclass(frozen=True)
@@ -122,3 +130,41 @@ def _inserted(table: Index, i: int, cost: Array, count: int, j: int, off: float)
         table[i, later], cost[later] = table[i, later - 1], cost[later - 1]
     table[i, at], cost[at] = j, off
     return count
+
+
+def restart_locally(scene: Scene, fields: Fields, known: Index) -> Fields:
+    """Returns the fields with each poorly explained group moved to where it explains most, given its neighbours."""
+    poor = _explained(scene, known, fields.state) < WELL_EXPLAINED * (scene.s.weight @ scene.member)
+    some = np.flatnonzero(poor.any(axis=1))
+    if not len(some):
+        return fields
+    state = fields.state.copy()
+    state[some] = _tried(scene, state[some], known[some], poor[some])
+    return Fields(fields.storey, state)
+
+
+def _tried(scene: Scene, state: Array, table: Index, poor: NDArray[np.bool_]) -> Array:
+    """(K, G, 3) the best position nearby for each poorly explained group."""
+    K, G = state.shape[:2]
+    shifts = ASIDE * np.array([(0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)])
+    tried = np.repeat(state[:, None], len(shifts), axis=1)  # (K, shifts, G, 3)
+    tried[..., 1:] += shifts[None, :, None] * poor[:, None, :, None]
+    tried = tried.reshape(-1, G, 3)
+    table = np.repeat(table, len(shifts), axis=0)
+    for sigma in RESTART_SIGMAS:
+        tried = step(scene.loops, table, tried, np.full((len(tried), G), sigma))
+    merit = WALL * _explained(scene, table, tried) - 0.5 * _strained(scene, tried)
+    best = np.where(poor, merit.reshape(K, len(shifts), G).argmax(axis=1), 0)
+    return np.asarray(tried.reshape(K, len(shifts), G, 3)[np.arange(K)[:, None], best, np.arange(G)])
+
+
+def _explained(scene: Scene, table: Index, state: Array) -> Array:
+    """(K, G) weight of each group's walls that are explained."""
+    return np.asarray((explained(scene, table, state, SIGMA_SCORE) * scene.s.weight) @ scene.member)
+
+
+def _strained(scene: Scene, state: Array) -> Array:
+    """(K, G) mean chi^2 of each group to its neighbours."""
+    each = np.minimum(chi2(scene, state), MOST_STRAINED)
+    total = np.concatenate((each, each), axis=1) @ scene.incidence
+    return np.asarray(total / np.maximum(scene.incidence.sum(axis=0), 1.0))

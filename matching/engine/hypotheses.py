@@ -22,8 +22,7 @@ from matching.engine.alternatives import alternative_placements
 from matching.engine.evidence import Chance, evidence
 from matching.engine.field import Fields, Scene, distinct, explained, motions, rigid
 from matching.engine.field_loops import SIGMA_SCORE
-from matching.engine.guided_field import GuidedFields, advance, guided
-from matching.engine.local_restarts import restart_locally
+from matching.engine.guided_field import GuidedFields, advance, guided, restart_locally
 from matching.engine.plan_walls import PlanWalls
 from matching.engine.proposals import TopK
 from matching.engine.seeds import seeds

@@ -1,13 +1,11 @@
 """Proposed matches of wall surfaces: how likely one of the map is one of the plan."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
-from data.common.errors import UserError
 from data.geometry.se2 import Array
 from data.geometry.se2_compiled import wrapped
 from matching.arrays import Index
@@ -31,17 +29,6 @@ class TopK:
 
     partner: Index
     score: Array
-
-    @staticmethod
-    def of_dense(score: NDArray[np.floating[Any]], most: int = MOST) -> "TopK":
-        """Selects the best `most` of each row of scores (N, M). Raises UserError for scores outside [0, 1]."""
-        score = np.asarray(score, dtype=float)
-        if score.ndim != 2 or not ((score >= -1e-6) & (score <= 1 + 1e-6)).all():
-            raise UserError("proposals: scores must be a table of probabilities in [0, 1]")
-        most = min(most, score.shape[1])
-        best = np.argsort(-score, axis=1, kind="stable")[:, :most]
-        value = np.clip(np.take_along_axis(score, best, axis=1), 0.0, 1.0)
-        return TopK(np.where(value > 0, best, -1), value)
 
 
 @dataclass(frozen=True)

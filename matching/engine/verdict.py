@@ -1,7 +1,7 @@
 """Decides between unique, ambiguous and none: whether the map is in the plan at all, and whether in one place only.
 
-A map of another building also has a best place. Its evidence grows with the plan's size, and the runner-up is close. The
-constants of both probabilities, and of all confidences, are fitted by `python -m matching.training.calibrate`.
+A map of another building also has a best place. Its evidence grows with the plan's size, and the runner-up is close.
+The constants of both probabilities, and of all confidences, are fitted by `python -m matching.training.calibrate`.
 """
 
 import json

@@ -66,7 +66,7 @@ class LearnedProposer:
         `known` are the surfaces of S as arrays, if they are already computed.
         """
         if not s.wall_surfaces or not a.wall_surfaces:
-            return TopK.of_dense(np.zeros((len(s.wall_surfaces), len(a.wall_surfaces))))
+            return TopK(np.zeros((len(s.wall_surfaces), 0), dtype=np.int64), np.zeros((len(s.wall_surfaces), 0)))
         plan, seen = self._plan(a), map_features(s, known)
         column, probability = self._session.run(["column", "probability"], {**_inputs(seen), **plan.encoded})
         at = np.argsort(-probability, axis=1, kind="stable")[:, :MOST]

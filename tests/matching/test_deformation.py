@@ -83,7 +83,8 @@ def proposing(share: Callable[[str, str], float]) -> Proposer:
 
     def propose(s: SceneGraph, a: SceneGraph, scene: Scene) -> TopK:
         walls = np.array([[share(w.id, v.id) for v in a.wall_surfaces] for w in s.wall_surfaces], dtype=float)
-        return among(TopK.of_dense(walls), scene.plan)
+        best = np.argsort(-walls, axis=1, kind="stable")[:, :8]
+        return among(TopK(best, np.take_along_axis(walls, best, axis=1)), scene.plan)
 
     return propose
 
