@@ -58,12 +58,6 @@ def assign(found: Hypotheses, k: int) -> Pairs:
     return Pairs(rooms, _surfaces(layout, share, rooms))
 
 
-def assign_rooms(found: Hypotheses, k: int) -> Matches:
-    """Returns the room matches alone."""
-    layout = _layout(found, k)
-    return _rooms(layout, _shares(layout))
-
-
 def _layout(found: Hypotheses, k: int) -> _Layout:
     """The quality of a pair combines the offset across, the direction, the overlap and both ends, which are inaccurate
     or stop short of the plan's; a short piece may slide off a short wall."""

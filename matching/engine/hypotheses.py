@@ -33,7 +33,6 @@ SEEDS = 14
 DOUBTFUL = 150  # walls of a map times the seeds that are always tried
 WALLS = 2000  # of a map times the hypotheses that are refined: large maps are less ambiguous
 HOPEFUL, ALTERNATIVES = 0.5, 2  # share of what the best field explains; weaker ones are dropped, but a few always stay
-SAME = 0.02  # metres, radians
 FOLLOWED = 8  # fields that are refined and scored, at most
 MOST_STEPS = 30  # of growth; larger maps grow by several rooms a step
 
@@ -79,8 +78,7 @@ def search(scene: Scene, proposals: TopK | None = None, allowed: Callable[[Array
     """Returns distinct hypotheses, best first; none if nothing votes for a motion.
 
     `proposals` are those of the map's walls for the walls of all storeys, one storey after the other; None leaves it to
-    the corners. `allowed` says
-    for T_a_s (3,), between the graphs' frames, whether a placement is allowed.
+    the corners. `allowed` says for T_a_s (3,), between the graphs' frames, whether a placement is allowed.
     """
     s = scene.s
     fewest, most = (min(max(w // len(s), least), SEEDS) for w, least in ((DOUBTFUL, 2), (WALLS, 4)))
@@ -120,7 +118,7 @@ def grow(scene: Scene, fields: Fields, sure: Index) -> GuidedFields:
     age = np.arange(1, int(turn.max()) + 1)[:, None, None] - turn
     sigmas = np.where(age >= 0, SIGMAS[np.minimum(np.maximum(age, 0), len(SIGMAS) - 1)], np.inf)
     grown = _followed(scene, advance(scene, guided(scene, fields), sigmas, search_every=4))
-    grown = _distinct_fields(polished(scene, grown, SIGMAS[1:]))
+    grown = polished(scene, grown, SIGMAS[1:])
     restarted = GuidedFields(restart_locally(scene, grown.fields, grown.table), grown.seen, grown.table)
     return polished(scene, restarted, LAST_SIGMAS)
 
@@ -134,14 +132,6 @@ def _followed(scene: Scene, grown: GuidedFields) -> GuidedFields:
     hopeful = worth[best] >= HOPEFUL * worth[best[0]]
     hopeful[:ALTERNATIVES] = True
     return grown[best[hopeful][: min(max(WALLS // len(scene.s), 3), FOLLOWED)]]
-
-
-def _distinct_fields(grown: GuidedFields) -> GuidedFields:
-    """The first of fields that have become equal."""
-    state, storey = grown.fields.state, grown.fields.storey
-    off = np.abs(state[:, None] - state).max(axis=(2, 3))
-    same = (off < SAME) & (storey[:, None] == storey)
-    return grown[np.flatnonzero(same.argmax(axis=1) == np.arange(len(state)))]
 
 
 def polished(scene: Scene, begin: GuidedFields, sigmas: Array) -> GuidedFields:

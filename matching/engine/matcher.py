@@ -8,7 +8,7 @@ import numpy as np
 
 from data.scene_graph import SceneGraph
 from matching.arrays import PlanCache
-from matching.engine.assignment import assign, assign_rooms
+from matching.engine.assignment import assign
 from matching.engine.field import Scene
 from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
@@ -61,7 +61,7 @@ def answer(found: Hypotheses, began: float) -> MatchResult:
     hypotheses = []
     for k in range(min(len(found), LISTED)):
         storey = found.scene.plan.storeys[int(found.fields.storey[k])]
-        matches = pairs.rooms if k == 0 else assign_rooms(found, k)
+        matches = pairs.rooms if k == 0 else assign(found, k).rooms
         rooms = tuple((s.rooms[r].id, storey.rooms[q].id) for r, q, _ in matches)
         hypotheses.append(Hypothesis(float(found.score[k]), _triple(found, k), storey.floor, rooms))
     a = found.scene.plan.storeys[int(found.fields.storey[0])]
