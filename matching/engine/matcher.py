@@ -8,12 +8,12 @@ import numpy as np
 
 from data.scene_graph import SceneGraph
 from matching.arrays import PlanCache
-from matching.engine.assignment import assign
+from matching.engine.assignment import Pairs, assign
 from matching.engine.field import Scene
 from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
 from matching.engine.proposals import TopK
-from matching.engine.verdict import shipped, verify
+from matching.engine.verdict import SURE, shipped, verify
 from matching.result import Hypothesis, MatchResult, Start, near_start
 
 LISTED = 10  # hypotheses in the result, at most
@@ -56,7 +56,10 @@ def among(proposals: TopK, plan: PlanWalls) -> TopK:
 def answer(found: Hypotheses, began: float) -> MatchResult:
     """Returns the result of hypotheses, best first; at least one."""
     s = found.scene.s
-    pairs = assign(found, 0)
+    pairs, of = assign(found, 0), shipped()
+    # A room of a map that deforms may lie on its neighbour of the plan: only what is sure is named.
+    rooms_named = tuple(one for one in pairs.rooms if of.confidence(one[2], of.room) >= SURE)
+    pairs = Pairs(rooms_named, pairs.surfaces)
     verdict = verify(found, pairs)
     hypotheses = []
     for k in range(min(len(found), LISTED)):
@@ -65,7 +68,7 @@ def answer(found: Hypotheses, began: float) -> MatchResult:
         rooms = tuple((s.rooms[r].id, storey.rooms[q].id) for r, q, _ in matches)
         hypotheses.append(Hypothesis(float(found.score[k]), _triple(found, k), storey.floor, rooms))
     a = found.scene.plan.storeys[int(found.fields.storey[0])]
-    sure, of = verdict.probability, shipped()
+    sure = verdict.probability
     return MatchResult(
         verdict.status, verdict.reason,
         tuple((s.rooms[r].id, a.rooms[q].id, sure * of.confidence(c, of.room)) for r, q, c in pairs.rooms),
