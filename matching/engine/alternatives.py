@@ -20,7 +20,6 @@ PLACES, MOST_PLACES = 12, 192  # of each yaw mode; more if all of those fit
 SIGMA = 0.4  # metres across: places that are alike, not equal
 LEAST = 0.4  # of the walls' weight that must fit
 ITSELF_M, ITSELF_RAD = 0.4, float(np.radians(4))  # closer ones are the place itself
-EQUAL = 1e-9  # metres, radians
 MOST, EQUALLY, MOST_EQUAL = 6, 0.9, 120  # all that fit this well are kept: only doors distinguish equal rooms
 LEAST_WALLS, MOST_WALLS = 3, 200  # walls of the place that are used,
 MOST_CORNERS, MOST_ASKED = 80, 40  # corners that vote, and walls that check a place
@@ -42,14 +41,7 @@ def alternative_placements(scene: Scene, best: Fields, table: Index) -> Fields:
     worth, motion = (np.concatenate([f[n] for f in found]) for n in (0, 1))
     at = np.repeat(np.arange(len(found)), [len(f[0]) for f in found])
     most = np.argsort(-worth, kind="stable")[: max(MOST, min(int(np.sum(worth > EQUALLY)), MOST_EQUAL))]
-    most = most[_distinct_motions(at[most], motion[most])]
     return Fields(at[most], _moved(best.state[0], motion[most]))
-
-
-def _distinct_motions(storey: Index, motion: Array) -> Index:
-    """Indices of the first of equal motions: a place may be the peak of several bins of votes."""
-    same = (np.abs(motion[:, None] - motion).max(axis=2) < EQUAL) & (storey[:, None] == storey)
-    return np.flatnonzero(~(same & np.tri(len(same), k=-1, dtype=bool)).any(axis=1))
 
 
 def _similar_places(

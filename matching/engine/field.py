@@ -17,7 +17,7 @@ from data.geometry.se2_compiled import wrapped
 from matching.arrays import Doors, Index, Walls
 from matching.arrays.blocks import elimination
 from matching.arrays.groups import Groups
-from matching.engine.field_loops import Loops, best_pair, compared, sharpness, strained, turns, wall_poses
+from matching.engine.field_loops import Loops, compared, sharpness, strained, turns, wall_poses
 from matching.engine.plan_walls import PlanWalls
 
 STEP = np.array([np.radians(2.0), 0.2, 0.2])  # how the motion changes from a room to the next
@@ -130,17 +130,7 @@ def _judged(m: Loops, table: Index, state: Array, sigma: float) -> Array:
 
 def explained(scene: Scene, table: Index, state: Array, sigma: float) -> Array:
     """(K, Ns) the quality of each S wall's best pair, see `judge`."""
-    return np.asarray(_explained(scene.loops, table, state, sigma))
-
-
-@compiled
-def _explained(m: Loops, table: Index, state: Array, sigma: float) -> Array:
-    best, lines, half, sharp = np.zeros(table.shape[:2]), m.lines, m.half, sharpness(sigma)
-    for k in range(len(table)):
-        pose = wall_poses(m, state[k], turns(state[k]))
-        for i in range(len(pose)):
-            best[k, i], _ = best_pair(lines, half[i], pose, table[k], i, sharp)
-    return best
+    return np.asarray(judge(scene, table, state, sigma).quality.max(axis=2, initial=0.0))
 
 
 def chi2(scene: Scene, state: Array) -> Array:
