@@ -83,11 +83,6 @@ class Walls(WallDirections):
         return np.asarray(with_room[np.unique(self.room[with_room], return_index=True)[1]])
 
     @cached_property
-    def room_centroids(self) -> Array:
-        """(rooms, 2) in the graph's frame."""
-        return np.array([r.centroid for r in self.rooms], dtype=float).reshape(-1, 2)
-
-    @cached_property
     def weight(self) -> Array:
         """(N,) the weight of each surface: grows with its length, but a long one is still one observation."""
         return np.sqrt(np.clip(2 * self.half, 0.35, 6.0))
