@@ -79,7 +79,7 @@ def _about(centre: Array, votes: Votes) -> Array:
 
 def _parts(groups: Groups) -> list[tuple[int, NDArray[np.bool_]]]:
     """The group in the middle of each part, and which groups (G,) are members; the parts cover the map, and the first
-    is the whole map, unless it is large."""
+    is the whole map, unless it is large and has others."""
     size, near = np.bincount(groups.of_wall, minlength=len(groups)), groups.hops <= 1
     whole = int(np.argmin(np.linalg.norm(groups.centre, axis=1))), np.ones(len(groups), dtype=bool)
     parts = [whole] if size.sum() <= MOST_WALLS or len(groups) < 3 else []
@@ -89,7 +89,7 @@ def _parts(groups: Groups) -> list[tuple[int, NDArray[np.bool_]]]:
         free &= ~near[best]
         if size[near[best]].sum() >= SMALL_PART:
             parts.append((best, near[best]))
-    return parts
+    return parts or [whole]
 
 
 @compiled

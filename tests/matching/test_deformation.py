@@ -8,7 +8,7 @@ import pytest
 from methods import matcher
 from plans import a_graph, flat, merged, moved, offices
 
-from data import Door, SceneGraph
+from data import Door, SceneGraph, WallSurface
 from data.synthetic_maps.noise_models import DrawnGraph, draw
 from matching import MatchResult
 from matching.engine import GeometricMatcher, Proposer, among
@@ -98,6 +98,11 @@ def test_poor_proposals_do_not_mislead(misled: bool) -> None:
     result = GeometricMatcher(proposer).match(truth.s_graph, PLAN)
     assert result.T_a_s == pytest.approx(GeometricMatcher().match(truth.s_graph, PLAN).T_a_s)
     assert share_right(result, truth) > 0.8
+
+
+def test_a_large_map_of_lone_walls_has_no_place() -> None:
+    walls = tuple(WallSurface(f"w{n}", None, (40.0 * n, 0.0), (1.0, 0.0), 2.0) for n in range(210))
+    assert MATCHER.match(SceneGraph("map", (), walls), PLAN).status == "none"
 
 
 def test_a_symmetric_place_is_found_even_if_not_proposed(drifted: DrawnGraph) -> None:
