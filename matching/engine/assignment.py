@@ -46,8 +46,9 @@ class _Layout:
     along: Array  # S's mid point from A's
 
 
-def assign(found: Hypotheses, k: int) -> Pairs:
-    """Returns the matches of hypothesis k as indices into S's walls and rooms and into those of its storey.
+def assign(found: Hypotheses, k: int, surfaces: bool = True) -> Pairs:
+    """Returns the matches of hypothesis k, also of `surfaces`, as indices into S's walls and rooms and into those of its
+    storey.
 
     The share of a surface pair is q / (q + q' + 0.02) of its quality q, where q' is that of the next best A wall; that
     of a room pair likewise from the shares of the S room's walls, by length.
@@ -55,7 +56,7 @@ def assign(found: Hypotheses, k: int) -> Pairs:
     layout = _layout(found, k)
     share = _shares(layout)
     rooms = _rooms(layout, share)
-    return Pairs(rooms, _surfaces(layout, share, rooms))
+    return Pairs(rooms, _surfaces(layout, share, rooms) if surfaces else ())
 
 
 def _layout(found: Hypotheses, k: int) -> _Layout:
@@ -104,9 +105,9 @@ def _rooms(layout: _Layout, share: Array) -> Matches:
     if not share.size:
         return ()
     chosen = np.full(len(share), -1)
-    best, sure = share.argmax(axis=1), _shares_of_best(share, DOUBT_ROOM)
-    second = np.partition(share, -2, axis=1)[:, -2] if share.shape[1] > 1 else np.zeros(len(share))
-    for r in np.argsort(-share.max(axis=1), kind="stable").tolist():
+    best, (first, second) = share.argmax(axis=1), _best_two(share)
+    sure = first / (first + second + DOUBT_ROOM)
+    for r in np.argsort(-first, kind="stable").tolist():
         q = int(best[r])
         if share[r, q] < LEAST_SHARE or second[r] > CONTESTED * share[r, q]:
             continue
@@ -128,10 +129,9 @@ def _apart(layout: _Layout, r: int, o: int, q: int) -> bool:
     return bool(np.maximum(common, 0.0)[same].sum() < COMMON * 2 * min(s.half[n].sum(), s.half[m].sum()))
 
 
-def _shares_of_best(value: Array, doubt: float) -> Array:
-    """(N,) the share q / (q + q' + doubt) of the largest value in each row of values (N, P); q' is the next one."""
-    two = -np.partition(-np.pad(value, ((0, 0), (0, 2))), 1, axis=1)[:, :2]
-    return np.asarray(two[:, 0] / (two.sum(axis=1) + doubt))
+def _best_two(value: Array) -> Array:
+    """(2, N) the largest and the next value of each row (N, P), 0 where there are fewer."""
+    return np.asarray(-np.partition(-np.pad(value, ((0, 0), (0, 2))), 1, axis=1)[:, :2].T)
 
 
 def _surfaces(layout: _Layout, share: Array, rooms: Matches) -> Matches:
@@ -146,6 +146,7 @@ def _surfaces(layout: _Layout, share: Array, rooms: Matches) -> Matches:
     for r, q, _ in rooms:
         trust[r, q] = 1.0
     quality = layout.quality * trust[s.room[:, None], a.room[layout.partner]]
+    first, second = _best_two(quality)
     rows, columns = np.nonzero(quality > LEAST_QUALITY)
     order = np.argsort(-quality[rows, columns], kind="stable")
     pieces: dict[int, list[tuple[int, float]]] = {}  # of each A wall: the S walls on it, and where along it
@@ -155,6 +156,6 @@ def _surfaces(layout: _Layout, share: Array, rooms: Matches) -> Matches:
         on = pieces.setdefault(j, [])
         if i not in matched and all(_beside(at, half, there, s.half[k]) <= COMMON * 2 * half for k, there in on):
             on.append((i, at))
-            others = np.delete(quality[i], p).max(initial=0.0)
-            matched[i] = j, float(quality[i, p] / (quality[i, p] + others + DOUBT))
+            one, other = quality[i, p], second[i] if quality[i, p] == first[i] else first[i]
+            matched[i] = j, float(one / (one + other + DOUBT))
     return tuple((i, *matched[i]) for i in sorted(matched))

@@ -64,7 +64,7 @@ def answer(found: Hypotheses, began: float) -> MatchResult:
     hypotheses = []
     for k in range(min(len(found), LISTED)):
         storey = found.scene.plan.storeys[int(found.fields.storey[k])]
-        matches = pairs.rooms if k == 0 else assign(found, k).rooms
+        matches = pairs.rooms if k == 0 else assign(found, k, surfaces=False).rooms
         rooms = tuple((s.rooms[r].id, storey.rooms[q].id) for r, q, _ in matches)
         hypotheses.append(Hypothesis(float(found.score[k]), _triple(found, k), storey.floor, rooms))
     a = found.scene.plan.storeys[int(found.fields.storey[0])]
