@@ -47,7 +47,7 @@ class _Layout:
 
 
 def assign(found: Hypotheses, k: int, surfaces: bool = True) -> Pairs:
-    """Returns the matches of hypothesis k, also of `surfaces`, as indices into S's walls and rooms and into those of its
+    """Returns the matches of hypothesis k, also of `surfaces`, as indices into S's walls and rooms and those of its
     storey.
 
     The share of a surface pair is q / (q + q' + 0.02) of its quality q, where q' is that of the next best A wall; that
