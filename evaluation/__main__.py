@@ -8,6 +8,7 @@ rows are kept.
 
 import argparse
 import shlex
+from importlib.util import find_spec
 from pathlib import Path
 
 from data.common.build import content_hash
@@ -22,6 +23,8 @@ WORK = Path("out/evaluation")
 def main(arguments: list[str] | None = None) -> int:
     """The command line. Raises UserError."""
     options = _parser().parse_args(arguments)
+    if find_spec("pandas") is None:
+        raise UserError("measurements need pandas; pip install 'sgslam[evaluation]'")
     if options.command == "list":
         return _list()
     if options.command == "render":

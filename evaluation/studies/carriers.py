@@ -142,10 +142,10 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
     rows = _prepared(rows)
     ours, over = rows[rows.variant == OURS], units(rows)
     text = "ATE without a plan, relative to the better of KISS-ICP and small_gicp (median, least, most)"
-    kidnaps = rare(ours.kidnaps > 0, ours.building, "drives")
+    kidnaps = rare(ours.kidnaps > 0, ours.building, "passes")
     return [
         Claim(text, spread_of(_both(rows).ratio, ".2f"), over),
-        Claim("Drives without a kidnapping in which one is reported", kidnaps, over),
+        Claim("Passes over a drive without a kidnapping that report one", kidnaps, over),
     ]
 
 

@@ -132,14 +132,14 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
     every = elements_of(rows)
     walls = every[every.element.eq("wall") & every.verdict.ne("not seen") & every.built.ne("absent")]
     small = walls[walls.off & (walls.seen >= ENOUGH) & walls.changes.isin(["15 mm", "30 mm"])]
-    still, standing = walls[~walls.off], every[~every.built.isin(GONE)]
+    still, standing = walls[~walls.off], every[~every.built.isin(GONE) & every.verdict.ne("not seen")]
     over, found = units(rows), of(small.verdict.eq("moved").sum(), len(small))
     moved = rare(still.verdict.eq("moved"), still.building, "walls")
     absent = rare(standing.verdict.eq("absent"), standing.building, "elements")
     return [
         Claim("Walls moved by 15 or 30 mm that are called moved", found, over),
         Claim("Walls within 10 mm that are called moved", moved, over),
-        Claim("Elements that stand and are called absent", absent, over),
+        Claim("Elements that stand and were seen, and are called absent", absent, over),
     ]
 
 
