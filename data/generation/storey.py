@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from data.geometry.areas import Area, closed, largest, opened, overlap
+from data.geometry.areas import Area, closed, largest, opened, overlap, polygons_of
 from data.plans.polygons import Gaps, Points, edges_of, frame_of, rooms_behind, tidied
 from data.scene_graph import Xy
 
@@ -78,7 +78,8 @@ class Storey:
 def built(cells: Sequence[Cell], walls: Walls, rng: np.random.Generator) -> Storey:
     """Returns rooms half a wall inside their cells and a whole outer wall inside the outline; every room has a door."""
     outline = closed(shapely.union_all([c.area for c in cells]), 0.02)  # no hairline between cells
-    inside = outline.buffer(-walls.outer, join_style="mitre")
+    # Where skewed walls meet at a sharp angle the buffer may cross itself.
+    inside = polygons_of(outline.buffer(-walls.outer, join_style="mitre"))
     rooms, kinds = [], []
     for cell in cells:
         half = (walls.corridor if cell.kind in HALLS else walls.inner) / 2

@@ -26,6 +26,12 @@ def test_a_campus_is_large_and_its_buildings_do_not_overlap() -> None:
     assert_rooms_are_a_wall_apart(graph)
 
 
+def test_outer_walls_that_meet_at_a_sharp_angle_leave_rooms() -> None:
+    graph = generate_plan("skewed", 902447).graph
+    assert len(graph.rooms) > 5
+    assert_rooms_are_a_wall_apart(graph)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", [k for k in KINDS if k != "campus"])
 def test_rooms_surfaces_and_doors_fit_and_are_those_of_the_seed(kind: str) -> None:
