@@ -78,6 +78,13 @@ def test_the_more_of_a_map_is_unexplained_the_more_evidence_it_needs(found: Hypo
     assert none.status == "none" and "does not explain" in none.reason
 
 
+@pytest.mark.parametrize(("unexplained", "status"), [(0.45, "unique"), (0.55, "none")])
+def test_a_plan_explains_at_least_half_of_a_map(found: Hypotheses, unexplained: float, status: str) -> None:
+    """By the length of its walls, however much evidence the rest is."""
+    length = np.cumsum(np.sort(found.scene.s.half)) / found.scene.s.half.sum()
+    assert judged(found, 3000.0, gone=int(np.searchsorted(length, unexplained))).status == status
+
+
 def test_four_walls_are_too_few_and_five_are_not(found: Hypotheses) -> None:
     pairs = assign(found, 0)
     for count, status in ((4, "none"), (5, "unique")):
