@@ -13,6 +13,7 @@ from matching.engine.field import Scene
 from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
 from matching.engine.proposals import TopK
+from matching.engine.room_signs import room_signs
 from matching.engine.verdict import SURE, shipped, verify
 from matching.result import Hypothesis, MatchResult, Start, near_start
 
@@ -58,8 +59,8 @@ def answer(found: Hypotheses, began: float) -> MatchResult:
     s = found.scene.s
     pairs, of = assign(found, 0), shipped()
     # A room of a map that deforms may lie on its neighbour of the plan: only what is sure is named.
-    rooms_named = tuple(one for one in pairs.rooms if of.confidence(one[2], of.room) >= SURE)
-    pairs = Pairs(rooms_named, pairs.surfaces)
+    named = zip(pairs.rooms, of.of_rooms(room_signs(found, pairs.rooms)), strict=True)
+    pairs = Pairs(tuple((r, q, known) for (r, q, _), known in named if known >= SURE), pairs.surfaces)
     verdict = verify(found, pairs)
     hypotheses = []
     for k in range(min(len(found), LISTED)):
@@ -71,8 +72,8 @@ def answer(found: Hypotheses, began: float) -> MatchResult:
     sure = verdict.probability
     return MatchResult(
         verdict.status, verdict.reason,
-        tuple((s.rooms[r].id, a.rooms[q].id, sure * of.confidence(c, of.room)) for r, q, c in pairs.rooms),
-        tuple((s.ids[i], a.ids[j], sure * of.confidence(c, of.surface)) for i, j, c in pairs.surfaces),
+        tuple((s.rooms[r].id, a.rooms[q].id, sure * c) for r, q, c in pairs.rooms),
+        tuple((s.ids[i], a.ids[j], sure * of.of_surface(c)) for i, j, c in pairs.surfaces),
         None if verdict.status == "none" else _triple(found, 0), a.floor, tuple(hypotheses),
         time.perf_counter() - began,
     )  # fmt: skip
