@@ -45,9 +45,8 @@ class _Layout:
     along: Array  # S's mid point from A's
 
 
-def assign(found: Hypotheses, k: int, surfaces: bool = True) -> Pairs:
-    """Returns the matches of hypothesis k, also of `surfaces`, as indices into S's walls and rooms and those of its
-    storey.
+def assign(found: Hypotheses, k: int) -> Pairs:
+    """Returns the matches of hypothesis k as indices into S's walls and rooms and those of its storey.
 
     The share of a surface pair is q / (q + q' + 0.02) of its quality q, where q' is that of the next best A wall; that
     of a room pair is the share of the S room's walls, by length, that lie in the A room.
@@ -55,7 +54,7 @@ def assign(found: Hypotheses, k: int, surfaces: bool = True) -> Pairs:
     layout = _layout(found, k)
     share = _shares(layout)
     rooms = _rooms(layout, share)
-    return Pairs(rooms, _surfaces(layout, share, rooms) if surfaces else ())
+    return Pairs(rooms, _surfaces(layout, share, rooms))
 
 
 def _layout(found: Hypotheses, k: int) -> _Layout:

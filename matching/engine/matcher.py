@@ -9,7 +9,9 @@ import numpy as np
 from data.scene_graph import SceneGraph
 from matching.arrays import PlanCache
 from matching.engine.assignment import Pairs, assign
-from matching.engine.field import Scene
+from matching.engine.evidence import homes
+from matching.engine.field import Scene, judge
+from matching.engine.field_loops import SIGMA_SCORE
 from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
 from matching.engine.proposals import TopK
@@ -62,11 +64,11 @@ def answer(found: Hypotheses, began: float) -> MatchResult:
     named = zip(pairs.rooms, of.of_rooms(room_signs(found, pairs.rooms)), strict=True)
     pairs = Pairs(tuple((r, q, known) for (r, q, _), known in named if known >= SURE), pairs.surfaces)
     verdict = verify(found, pairs)
-    hypotheses = []
-    for k in range(min(len(found), LISTED)):
+    hypotheses, listed = [], found[np.arange(min(len(found), LISTED))]
+    now = judge(found.scene, listed.table, listed.fields.state, SIGMA_SCORE)
+    for k, home in enumerate(homes(found.scene, listed.table, now.quality).tolist()):
         storey = found.scene.plan.storeys[int(found.fields.storey[k])]
-        matches = pairs.rooms if k == 0 else assign(found, k, surfaces=False).rooms
-        rooms = tuple((s.rooms[r].id, storey.rooms[q].id) for r, q, _ in matches)
+        rooms = tuple((s.rooms[r].id, storey.rooms[q].id) for r, q in enumerate(home) if q >= 0)
         hypotheses.append(Hypothesis(float(found.score[k]), _triple(found, k), storey.floor, rooms))
     a = found.scene.plan.storeys[int(found.fields.storey[0])]
     sure = verdict.probability

@@ -37,21 +37,24 @@ def _fits(m: Loops, state: Array, table: Index, room: Index, rooms: int, a_room:
     if the S room moves aside.
     """
     pose, sharp = wall_poses(m, state, turns(state)), sharpness(SIGMA)
-    most, size, at = np.zeros((rooms, a_room.max() + 2)), np.zeros((rooms, 1)), pose.copy()
-    for i in range(len(room)):
-        size[room[i]] += m.half[i] if room[i] >= 0 else 0.0
-    for x in ASIDE:
-        for y in ASIDE:
-            at[:, 1], at[:, 2], now = pose[:, 1] + x, pose[:, 2] + y, np.zeros(most.shape)
-            for i in range(len(room)):
-                best = np.zeros(most.shape[1])  # of each A room; the last is for walls without one
-                for p in range(table.shape[1] if room[i] >= 0 else 0):
-                    j = table[i, p]
-                    if j < 0:
-                        break
-                    across, _, turned, beside = compared(m.lines, j, m.half[i], at, i)
-                    quality = beside * np.exp(-sharp[0] * across**2 - sharp[1] * turned**2)
-                    best[a_room[j]] = max(best[a_room[j]], quality)
-                now[room[i]] += best * m.half[i]
-            most = np.maximum(most, now)
-    return most[:, :-1] / np.maximum(size, 1e-9)
+    width = a_room.max() + 2  # the last is for walls without a room
+    most, here, best, at = np.zeros((rooms, width)), np.zeros(width), np.zeros(width), pose.copy()
+    for r in range(rooms):
+        walls = np.flatnonzero(room == r)
+        for x in ASIDE:
+            for y in ASIDE:
+                for i in walls:
+                    at[i, 1], at[i, 2] = pose[i, 1] + x, pose[i, 2] + y
+                    for j in table[i][table[i] >= 0]:
+                        across, _, turned, beside = compared(m.lines, int(j), m.half[i], at, int(i))
+                        quality = beside * np.exp(-sharp[0] * across**2 - sharp[1] * turned**2)
+                        best[a_room[j]] = max(best[a_room[j]], quality)
+                    for j in table[i][table[i] >= 0]:
+                        here[a_room[j]] += m.half[i] * best[a_room[j]]
+                        best[a_room[j]] = 0.0
+                for i in walls:
+                    for j in table[i][table[i] >= 0]:
+                        most[r, a_room[j]] = max(most[r, a_room[j]], here[a_room[j]])
+                        here[a_room[j]] = 0.0
+        most[r] /= m.half[walls].sum()
+    return most[:, :-1]
