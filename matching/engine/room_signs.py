@@ -39,21 +39,23 @@ def _fits(m: Loops, state: Array, table: Index, room: Index, rooms: int, a_room:
     pose, sharp = wall_poses(m, state, turns(state)), sharpness(SIGMA)
     width = a_room.max() + 2  # the last is for walls without a room
     most, here, best, at = np.zeros((rooms, width)), np.zeros(width), np.zeros(width), pose.copy()
+    count = (table >= 0).sum(axis=1)
     for r in range(rooms):
         walls = np.flatnonzero(room == r)
         for x in ASIDE:
             for y in ASIDE:
                 for i in walls:
                     at[i, 1], at[i, 2] = pose[i, 1] + x, pose[i, 2] + y
-                    for j in table[i][table[i] >= 0]:
-                        across, _, turned, beside = compared(m.lines, int(j), m.half[i], at, int(i))
+                    for p in range(count[i]):
+                        j = table[i, p]
+                        across, _, turned, beside = compared(m.lines, j, m.half[i], at, int(i))
                         quality = beside * np.exp(-sharp[0] * across**2 - sharp[1] * turned**2)
                         best[a_room[j]] = max(best[a_room[j]], quality)
-                    for j in table[i][table[i] >= 0]:
+                    for j in table[i, : count[i]]:
                         here[a_room[j]] += m.half[i] * best[a_room[j]]
                         best[a_room[j]] = 0.0
                 for i in walls:
-                    for j in table[i][table[i] >= 0]:
+                    for j in table[i, : count[i]]:
                         most[r, a_room[j]] = max(most[r, a_room[j]], here[a_room[j]])
                         here[a_room[j]] = 0.0
         most[r] /= m.half[walls].sum()
