@@ -68,7 +68,8 @@ def answer(found: Hypotheses, began: float) -> MatchResult:
     now = judge(found.scene, listed.table, listed.fields.state, SIGMA_SCORE)
     for k, home in enumerate(homes(found.scene, listed.table, now.quality).tolist()):
         storey = found.scene.plan.storeys[int(found.fields.storey[k])]
-        rooms = tuple((s.rooms[r].id, storey.rooms[q].id) for r, q in enumerate(home) if q >= 0)
+        matches = [(r, q) for r, q in enumerate(home) if q >= 0] if k else [(r, q) for r, q, _ in pairs.rooms]
+        rooms = tuple((s.rooms[r].id, storey.rooms[q].id) for r, q in matches)
         hypotheses.append(Hypothesis(float(found.score[k]), _triple(found, k), storey.floor, rooms))
     a = found.scene.plan.storeys[int(found.fields.storey[0])]
     sure = verdict.probability
