@@ -22,7 +22,6 @@ OTHER_ROOM, OTHER_PART = 0.2, 0.5  # weight of a wall pair whose rooms are not m
 SECOND_SHARE = 0.6  # of the walls of an S room in an A room that another S room has: it was cut in two
 CONTESTED = 0.5  # of the best A room's share; where another one has more, the S room is not matched
 DOUBT = 0.02  # quality of a wall of no plan
-DOUBT_ROOM = 0.1
 COMMON = 0.5  # of a piece's length that may lie beside another piece of the same wall; the other may be shorter
 Matches = tuple[tuple[int, int, float], ...]  # indices into S and A, and a share in [0, 1]
 
@@ -46,17 +45,16 @@ class _Layout:
     along: Array  # S's mid point from A's
 
 
-def assign(found: Hypotheses, k: int, surfaces: bool = True) -> Pairs:
-    """Returns the matches of hypothesis k, also of `surfaces`, as indices into S's walls and rooms and those of its
-    storey.
+def assign(found: Hypotheses, k: int) -> Pairs:
+    """Returns the matches of hypothesis k as indices into S's walls and rooms and those of its storey.
 
     The share of a surface pair is q / (q + q' + 0.02) of its quality q, where q' is that of the next best A wall; that
-    of a room pair likewise from the shares of the S room's walls, by length.
+    of a room pair is the share of the S room's walls, by length, that lie in the A room.
     """
     layout = _layout(found, k)
     share = _shares(layout)
     rooms = _rooms(layout, share)
-    return Pairs(rooms, _surfaces(layout, share, rooms) if surfaces else ())
+    return Pairs(rooms, _surfaces(layout, share, rooms))
 
 
 def _layout(found: Hypotheses, k: int) -> _Layout:
@@ -106,7 +104,6 @@ def _rooms(layout: _Layout, share: Array) -> Matches:
         return ()
     chosen = np.full(len(share), -1)
     best, (first, second) = share.argmax(axis=1), _best_two(share)
-    sure = first / (first + second + DOUBT_ROOM)
     for r in np.argsort(-first, kind="stable").tolist():
         q = int(best[r])
         if share[r, q] < LEAST_SHARE or second[r] > CONTESTED * share[r, q]:
@@ -114,7 +111,7 @@ def _rooms(layout: _Layout, share: Array) -> Matches:
         others = np.flatnonzero(chosen == q).tolist()
         if not others or (share[r, q] >= SECOND_SHARE and all(_apart(layout, r, o, q) for o in others)):
             chosen[r] = q
-    return tuple((r, int(q), float(sure[r])) for r, q in enumerate(chosen) if q >= 0)
+    return tuple((r, int(q), float(first[r])) for r, q in enumerate(chosen) if q >= 0)
 
 
 def _apart(layout: _Layout, r: int, o: int, q: int) -> bool:

@@ -70,13 +70,13 @@ class Chance:
 def evidence(scene: Scene, fields: Fields, table: Index, chance: Chance, noise: Noise = UNKNOWN) -> Array:
     """(K,) nats, comparable between all fields of a scene."""
     now = judge(scene, table, fields.state, SIGMA_SCORE)
-    homes = _homes(scene, table, now.quality)
-    walls = _of_walls(scene, fields, table, now, homes, chance, noise)
+    home = homes(scene, table, now.quality)
+    walls = _of_walls(scene, fields, table, now, home, chance, noise)
     seen = []
     for k, storey in enumerate(fields.storey.tolist()):
         a, first = scene.plan.storeys[storey], int(scene.plan.first[storey])
-        seen.append(_completeness(a.half, a.room, len(a.rooms), table[k], first, now.quality[k], homes[k]))
-    rest = door_evidence(scene, fields, homes) - 0.5 * bending(scene, fields)
+        seen.append(_completeness(a.half, a.room, len(a.rooms), table[k], first, now.quality[k], home[k]))
+    rest = door_evidence(scene, fields, home) - 0.5 * bending(scene, fields)
     return np.asarray(walls + np.array(seen) + rest)
 
 
@@ -90,7 +90,7 @@ def bending(scene: Scene, fields: Fields) -> Array:
     return np.asarray(each.mean(axis=1) * (len(scene.groups) - 1))
 
 
-def _homes(scene: Scene, table: Index, quality: Array) -> Index:
+def homes(scene: Scene, table: Index, quality: Array) -> Index:
     """(K, R) the A room of the field's storey that has most walls of each S room, -1 for none."""
     rooms = max((len(a.rooms) for a in scene.plan.storeys), default=0)
     s = scene.s
@@ -101,7 +101,7 @@ def _homes(scene: Scene, table: Index, quality: Array) -> Index:
 def _homes_of(
     s_room: Index, weight: Array, s_rooms: int, a_room: Index, a_rooms: int, table: Index, quality: Array
 ) -> Index:
-    """See `_homes`; each wall votes for the room of its best partner."""
+    """See `homes`; each wall votes for the room of its best partner."""
     home = np.full((len(table), s_rooms), -1)
     for k in range(len(table)):
         votes = np.zeros((s_rooms, a_rooms))

@@ -153,7 +153,7 @@ def _tried(scene: Scene, state: Array, table: Index, poor: NDArray[np.bool_]) ->
     table = np.repeat(table, len(shifts), axis=0)
     for sigma in RESTART_SIGMAS:
         tried = step(scene.loops, table, tried, np.full((len(tried), G), sigma))
-    merit = WALL * _explained(scene, table, tried) - 0.5 * _strained(scene, tried)
+    merit = WALL * _explained(scene, table, tried) - 0.5 * strain(scene, tried)
     best = np.where(poor, merit.reshape(K, len(shifts), G).argmax(axis=1), 0)
     return np.asarray(tried.reshape(K, len(shifts), G, 3)[np.arange(K)[:, None], best, np.arange(G)])
 
@@ -163,7 +163,7 @@ def _explained(scene: Scene, table: Index, state: Array) -> Array:
     return np.asarray((explained(scene, table, state, SIGMA_SCORE) * scene.s.weight) @ scene.member)
 
 
-def _strained(scene: Scene, state: Array) -> Array:
+def strain(scene: Scene, state: Array) -> Array:
     """(K, G) mean chi^2 of each group to its neighbours."""
     each = np.minimum(chi2(scene, state), MOST_STRAINED)
     total = np.concatenate((each, each), axis=1) @ scene.incidence

@@ -9,10 +9,13 @@ import numpy as np
 from data.scene_graph import SceneGraph
 from matching.arrays import PlanCache
 from matching.engine.assignment import Pairs, assign
-from matching.engine.field import Scene
+from matching.engine.evidence import homes
+from matching.engine.field import Scene, judge
+from matching.engine.field_loops import SIGMA_SCORE
 from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
 from matching.engine.proposals import TopK
+from matching.engine.room_signs import room_signs
 from matching.engine.verdict import SURE, shipped, verify
 from matching.result import Hypothesis, MatchResult, Start, near_start
 
@@ -58,21 +61,22 @@ def answer(found: Hypotheses, began: float) -> MatchResult:
     s = found.scene.s
     pairs, of = assign(found, 0), shipped()
     # A room of a map that deforms may lie on its neighbour of the plan: only what is sure is named.
-    rooms_named = tuple(one for one in pairs.rooms if of.confidence(one[2], of.room) >= SURE)
-    pairs = Pairs(rooms_named, pairs.surfaces)
+    named = zip(pairs.rooms, of.of_rooms(room_signs(found, pairs.rooms)), strict=True)
+    pairs = Pairs(tuple((r, q, known) for (r, q, _), known in named if known >= SURE), pairs.surfaces)
     verdict = verify(found, pairs)
-    hypotheses = []
-    for k in range(min(len(found), LISTED)):
+    hypotheses, listed = [], found[np.arange(min(len(found), LISTED))]
+    now = judge(found.scene, listed.table, listed.fields.state, SIGMA_SCORE)
+    for k, home in enumerate(homes(found.scene, listed.table, now.quality).tolist()):
         storey = found.scene.plan.storeys[int(found.fields.storey[k])]
-        matches = pairs.rooms if k == 0 else assign(found, k, surfaces=False).rooms
-        rooms = tuple((s.rooms[r].id, storey.rooms[q].id) for r, q, _ in matches)
+        matches = [(r, q) for r, q in enumerate(home) if q >= 0] if k else [(r, q) for r, q, _ in pairs.rooms]
+        rooms = tuple((s.rooms[r].id, storey.rooms[q].id) for r, q in matches)
         hypotheses.append(Hypothesis(float(found.score[k]), _triple(found, k), storey.floor, rooms))
     a = found.scene.plan.storeys[int(found.fields.storey[0])]
     sure = verdict.probability
     return MatchResult(
         verdict.status, verdict.reason,
-        tuple((s.rooms[r].id, a.rooms[q].id, sure * of.confidence(c, of.room)) for r, q, c in pairs.rooms),
-        tuple((s.ids[i], a.ids[j], sure * of.confidence(c, of.surface)) for i, j, c in pairs.surfaces),
+        tuple((s.rooms[r].id, a.rooms[q].id, sure * c) for r, q, c in pairs.rooms),
+        tuple((s.ids[i], a.ids[j], sure * of.of_surface(c)) for i, j, c in pairs.surfaces),
         None if verdict.status == "none" else _triple(found, 0), a.floor, tuple(hypotheses),
         time.perf_counter() - began,
     )  # fmt: skip

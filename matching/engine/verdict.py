@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from data.geometry.se2 import Array
 from matching.engine.assignment import Pairs
 from matching.engine.field import judge
 from matching.engine.field_loops import SIGMA_SCORE
@@ -35,14 +36,15 @@ class Calibration:
     hypothesis, of the share of the map, by length of walls, that it leaves unexplained, of the logarithm of the
     number of places in the plan, and a constant (J. Platt: Probabilistic outputs for support vector machines, 1999).
     `separation` (a, b): hypotheses are as likely as a softmax of their evidence over a + b times the number of
-    unexplained walls says: at another place as much may differ from the plan. `room` and `surface` (offset, slope): the
-    log odds of a pair at the right place in those of its share among what stood to choose.
+    unexplained walls says: at another place as much may differ from the plan. `room` are the coefficients of the log
+    odds of a room pair at the right place: of its `room_signs`, and a constant. `surface` (offset, slope): those of a
+    surface pair in the log odds of its share among what stood to choose.
     """
 
     place: tuple[float, float, float, float]
     unit: float
     separation: tuple[float, float]
-    room: tuple[float, float]
+    room: tuple[float, float, float, float]
     surface: tuple[float, float]
 
     def in_plan(self, evidence: float, unexplained: float, places: float) -> float:
@@ -55,10 +57,14 @@ class Calibration:
         scale = self.separation[0] + self.separation[1] * unexplained
         return 1 / sum(math.exp(min((other - evidence[0]) / scale, MOST_LOG_ODDS)) for other in evidence)
 
-    def confidence(self, share: float, of: tuple[float, float]) -> float:
-        """The probability of a pair, given that the place is right; `of` is `room` or `surface`."""
+    def of_rooms(self, signs: Array) -> list[float]:
+        """The probabilities of room pairs with `room_signs` (R, 3), given that the place is right."""
+        return [probability(x) for x in signs @ self.room[:-1] + self.room[-1]]
+
+    def of_surface(self, share: float) -> float:
+        """The probability of a surface pair, given that the place is right."""
         share = min(max(share, 1e-9), 1 - 1e-9)
-        return probability(of[0] + of[1] * math.log(share / (1 - share)))
+        return probability(self.surface[0] + self.surface[1] * math.log(share / (1 - share)))
 
 
 def grown(evidence: float, unit: float) -> float:

@@ -171,7 +171,8 @@ def _places(votes: Array, most: int) -> Array:
     cell = np.floor(votes[:, 1:] / PLACE_BIN).astype(np.int64)
     low_x, low_y, stride = cell[:, 0].min() - 1, cell[:, 1].min() - 1, cell[:, 1].max() - cell[:, 1].min() + 3
     key = (cell[:, 0] - low_x) * stride + cell[:, 1] - low_y
-    total, peak = _around(votes, key, np.argsort(key), stride)
+    order = np.sort(key * len(key) + np.arange(len(key))) % len(key)  # twice as fast as `argsort`
+    total, peak = _around(votes, key, order, stride)
     best = peak[np.argsort(-total[peak, 0], kind="mergesort")][:most]
     return total[best, 1:] / total[best, :1]
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from data.geometry.se2 import Array
 from data.scene_graph import SceneGraph
 from matching.arrays import Index, Walls, arrays, storeys
-from matching.arrays.neighbours import nearest_walls
+from matching.arrays.walls import points_along
 
 Array32 = NDArray[np.float32]
 NEIGHBOURS = 16  # of each node
@@ -22,6 +22,8 @@ THICKEST_M = 0.35  # of a wall whose two sides are marked as such
 ACROSS_WAVES = (1.2, 3.0, 8.0, 20.0)  # metres: offsets across a wall are sharp,
 ALONG_WAVES = (3.0, 8.0, 20.0)  # those along it are not: the ends of walls slide
 GAP_SCALES = (0.3, 1.5)  # metres
+SAMPLED_M, SEARCHED = 2.0, 48  # points on walls, among the nearest of which a wall's neighbours are looked up
+TIES = 8  # more of them, if they are as near as the last one: rounding does not decide
 NODE_SIZE = 9
 EDGE_SIZE = 4 * (len(ACROSS_WAVES) + len(ALONG_WAVES)) + 8 + len(GAP_SCALES) + 5
 
@@ -115,6 +117,42 @@ def _features(parts: list[Walls]) -> GraphFeatures:
         room,
         np.repeat(np.arange(len(parts)), [len(w) for w in parts]),
     )
+
+
+def nearest_walls(walls: Walls, size: int) -> tuple[Index, Array]:
+    """Returns (N, size) the nearest other walls, -1 where there are fewer, and their gaps in metres.
+
+    The gap is the distance from the nearest of one wall's ends and mid point to the other wall, the smaller of both
+    directions. Only walls are ranked that have a point among the SEARCHED nearest points of the other one.
+    """
+    from scipy.spatial import cKDTree  # slow to import
+
+    points, owner = points_along(
+        walls.centre, walls.tangent, walls.half, 2 + np.ceil(2 * walls.half / SAMPLED_M).astype(np.int64)
+    )
+    away, near = cKDTree(points).query(points, min(SEARCHED + TIES, len(points)))
+    point, k = np.nonzero(away <= away[:, :SEARCHED][:, -1:] + 1e-6)
+    one, other = owner[point], owner[near[point, k]]
+    pair = np.unique(np.concatenate((one * len(walls) + other, other * len(walls) + one)))
+    i, j = np.divmod(pair, len(walls))
+    i, j = i[i != j], j[i != j]
+    offset = walls.centre[j] - walls.centre[i]
+    gap = np.sqrt(np.minimum(_gap(walls, i, j, offset), _gap(walls, j, i, -offset)))
+    # Walls that meet have no gap; other properties decide, so that rounding does not.
+    beside = (offset * (walls.normal[i] + 2 * walls.tangent[i])).sum(axis=1)
+    order, rank = _ranked(i, gap + 0.03 * np.hypot(*offset.T) + 0.001 * beside)
+    order, rank = order[rank < size], rank[rank < size]
+    nearest, gaps = np.full((len(walls), size), -1), np.full((len(walls), size), np.inf)
+    nearest[i[order], rank], gaps[i[order], rank] = j[order], gap[order]
+    return nearest, gaps
+
+
+def _gap(walls: Walls, one: Index, other: Index, offset: Array) -> Array:
+    """The squared distances in metres from the ends and mid points of other walls, at an offset from the centres of
+    these walls, to these."""
+    ends = offset + np.array([-1.0, 0.0, 1.0])[:, None, None] * (walls.half[:, None] * walls.tangent)[other]
+    past = np.maximum(np.abs((ends * walls.tangent[one]).sum(axis=-1)) - walls.half[one], 0.0)
+    return np.asarray(((ends * walls.normal[one]).sum(axis=-1) ** 2 + past**2).min(axis=0))
 
 
 def _ranked(group: Index, *keys: Array | Index) -> tuple[Index, Index]:

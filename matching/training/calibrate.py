@@ -20,6 +20,7 @@ from matching.arrays import PlanCache
 from matching.engine.assignment import Pairs, assign
 from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
+from matching.engine.room_signs import room_signs
 from matching.engine.verdict import SHIPPED, Calibration, Signs, grown
 from matching.training.data import generated, seeds_of
 
@@ -38,12 +39,12 @@ RIDGE = 1e-4  # of the standardised coefficients
 
 @dataclass(frozen=True)
 class Answer:
-    """A map matched: its signs, which of its first hypotheses are right, and shares and truth of the first one's pairs
-    of rooms and of surfaces, if it is right."""
+    """A map matched: its signs, which of its first hypotheses are right, and of the first one, if it is right, the
+    signs and truth of its pairs of rooms, and the shares and truth of those of surfaces."""
 
     signs: Signs
     right: tuple[bool, ...]
-    rooms: tuple[tuple[float, bool], ...]
+    rooms: tuple[tuple[list[float], bool], ...]
     surfaces: tuple[tuple[float, bool], ...]
 
 
@@ -83,18 +84,21 @@ def answers_on(count: int, seed: int) -> Iterator[Answer]:
 
 
 def _answer(found: Hypotheses, truth: DrawnGraph) -> Answer:
-    pairs = [_told(found, k, truth) for k in range(min(len(found), COMPARED))]
-    right = tuple(sum(true for _, true in walls) > RIGHT * len(walls) for _, walls in pairs)
-    rooms, surfaces = pairs[0] if right[0] else ((), ())
-    return Answer(Signs.of(found), right, rooms, surfaces)
+    pairs = [assign(found, k) for k in range(min(len(found), COMPARED))]
+    told = [_surfaces(found, k, pairs[k], truth) for k in range(len(pairs))]
+    right = tuple(sum(true for _, true in walls) > RIGHT * len(walls) for walls in told)
+    if not right[0]:
+        return Answer(Signs.of(found), right, (), ())
+    s, a = found.scene.s, found.scene.plan.storeys[int(found.fields.storey[0])]
+    true = [truth.rooms.get(s.rooms[r].id) == a.rooms[q].id for r, q, _ in pairs[0].rooms]
+    signs = room_signs(found, pairs[0].rooms).tolist()
+    return Answer(Signs.of(found), right, tuple(zip(signs, true, strict=True)), told[0])
 
 
-def _told(found: Hypotheses, k: int, truth: DrawnGraph) -> tuple[tuple[tuple[float, bool], ...], ...]:
-    """The shares of a hypothesis' pairs of rooms and of surfaces, and whether they are true."""
-    pairs: Pairs = assign(found, k)
+def _surfaces(found: Hypotheses, k: int, pairs: Pairs, truth: DrawnGraph) -> tuple[tuple[float, bool], ...]:
+    """The shares of a hypothesis' pairs of surfaces, and whether they are true."""
     s, a = found.scene.s, found.scene.plan.storeys[int(found.fields.storey[k])]
-    rooms = tuple((c, truth.rooms.get(s.rooms[r].id) == a.rooms[q].id) for r, q, c in pairs.rooms)
-    return rooms, tuple((c, truth.wall_surfaces.get(s.ids[i]) == a.ids[j]) for i, j, c in pairs.surfaces)
+    return tuple((c, truth.wall_surfaces.get(s.ids[i]) == a.ids[j]) for i, j, c in pairs.surfaces)
 
 
 def fit(answers: Sequence[Answer]) -> Calibration:
@@ -105,11 +109,13 @@ def fit(answers: Sequence[Answer]) -> Calibration:
         return float(np.mean([_surprise(a, *np.exp(scale)) for a in found]))
 
     separation = np.exp(minimize(loss, np.log(SEPARATION), method="Nelder-Mead").x)
-    begun = Calibration(START, UNIT, (float(separation[0]), float(separation[1])), START[:2], START[:2])
+    begun = Calibration(START, UNIT, (float(separation[0]), float(separation[1])), START, START[:2])
     apart = [a for a in answers if begun.best_of(a.signs.evidence, a.signs.unexplained) > APART]
     signs = [(grown(a.signs.evidence[0], UNIT), a.signs.share, a.signs.places) for a in apart]
     place = _logistic(np.array(signs), np.array([a.right[0] for a in apart]))
-    room, surface = (_of_shares([p for a in answers for p in getattr(a, of)]) for of in ("rooms", "surfaces"))
+    rooms = [pair for a in answers for pair in a.rooms]
+    room = _logistic(np.array([signs for signs, _ in rooms]), np.array([true for _, true in rooms]))
+    surface = _of_shares([pair for a in answers for pair in a.surfaces])
     rounded = [tuple(round(float(x), 4) for x in of) for of in (place, separation, room, surface)]
     return Calibration(rounded[0], UNIT, *rounded[1:])  # type: ignore[arg-type]
 
