@@ -8,7 +8,8 @@ from data.common.errors import UserError
 from data.imu import ImuSamples
 from data.scans import Scan
 from data.trajectory import Trajectory
-from evaluation.peers.odometries import genz_lio_alone, kiss_icp_alone, rko_lio_alone, small_gicp_alone
+from evaluation.peers.lidar_inertial import genz_lio_alone, rko_lio_alone
+from evaluation.peers.odometries import kiss_icp_alone, small_gicp_alone
 
 
 @dataclass(frozen=True)

@@ -10,16 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
-from data.imu import ImuSamples
 from data.scans import Scan
 from data.trajectory import Trajectory
-from sgslam.config import ImuSettings, OdometrySettings
 from sgslam.geometry.frames import inverse, squared_up
-from sgslam.inertial import ImuBuffer
-from sgslam.odometry.lidar_inertial.genz_lio import GenzLio
-from sgslam.odometry.lidar_inertial.library import InertialLibrary, InertialScan
-from sgslam.odometry.lidar_inertial.rest import rest_before, samples_at_rest
-from sgslam.odometry.lidar_inertial.rko_lio import RkoLio
 from sgslam.odometry.rigid import steady_motion
 from sgslam.odometry.steps import far_apart
 from sgslam.registration.motion_prior import velocity_between
@@ -32,7 +25,6 @@ VOXEL_M, POINTS_PER_VOXEL = 0.3, 1
 # small_gicp, chosen likewise: points are thinned out to this distance, correspondences at most so far apart; the local
 # map has so many scans, so far apart (m or rad)
 DOWNSAMPLED_M, REACH_M, LOCAL_SCANS, SPACING = 0.25, 0.3, 15, 0.3
-# RKO-LIO and GenZ-LIO: the settings of a run (`OdometrySettings`), chosen likewise in four drives on a hand
 DESKEWING_ROUNDS = 3  # a scan deskewed by the step before it, and only once, diverges
 
 KISS_SLAM = "kiss_slam_pipeline"  # the command of kiss-slam 0.0.2, which is no dependency: its user has installed it
@@ -100,53 +92,6 @@ def small_gicp_alone(scans: Iterable[Scan]) -> Trajectory:
         return T.copy()
 
     return _trajectory(scans, register)
-
-
-def rko_lio_alone(scans: Iterable[Scan], samples: ImuSamples) -> Trajectory:
-    """T_odom_sensor of RKO-LIO (Malladi et al., RA-L 2026) at the ends of the scans, which have points' times; samples
-    of an IMU in the sensor's axes. Raises UserError if the library is missing, or the samples begin after the scans."""
-    return _lidar_inertial(scans, samples, RkoLio)
-
-
-def genz_lio_alone(scans: Iterable[Scan], samples: ImuSamples) -> Trajectory:
-    """As `rko_lio_alone`, of GenZ-LIO (2026)."""
-    return _lidar_inertial(scans, samples, GenzLio)
-
-
-def _lidar_inertial(
-    scans: Iterable[Scan], samples: ImuSamples, begin: Callable[[OdometrySettings, ImuSamples], InertialLibrary]
-) -> Trajectory:
-    """A library with the settings of a run: on a hand it needs the rest before the first scan as well. A scan that it
-    does not register keeps the pose before."""
-    library, T, fed_ns = None, np.eye(4), -1
-
-    def register(scan: Scan) -> Array:
-        """(4, 4) the pose at the end of the scan; the one before where the library has none."""
-        nonlocal library, T, fed_ns
-        times = np.zeros(len(scan.points)) if scan.point_times is None else scan.point_times
-        end_ns = scan.stamp_ns + round(float(times.max()) * 1e9)
-        given = InertialScan(scan.stamp_ns, end_ns, scan.points.astype(np.float32), times)
-        if library is None:
-            library, fed_ns = begin(OdometrySettings(), _rest(samples, given)), scan.stamp_ns - 1
-        inside = (samples.stamps_ns > fed_ns) & (samples.stamps_ns <= end_ns)
-        fed_ns = end_ns
-        found = library.register(
-            given, ImuSamples(samples.stamps_ns[inside], samples.gyro[inside], samples.accel[inside])
-        )
-        T = T if found is None else found.T_library_sensor
-        return T.copy()
-
-    return _trajectory(scans, register)
-
-
-def _rest(samples: ImuSamples, scan: InertialScan) -> ImuSamples:
-    """The samples at rest before the first scan."""
-    first, imu = samples.stamps_ns <= scan.end_ns, ImuBuffer(ImuSettings())
-    imu.add(ImuSamples(samples.stamps_ns[first], samples.gyro[first], samples.accel[first]))
-    rest = rest_before(imu, scan, None) if first.any() else None
-    if rest is None:
-        raise UserError("the samples of the IMU begin after the scans")
-    return samples_at_rest(rest, scan.stamp_ns)
 
 
 def _at_the_end(scan: Scan, step: Array, interval_s: float) -> Array:

@@ -15,11 +15,11 @@ from sgslam.config.tracking_settings import FloorSettings, TrackingSettings
 
 
 class OdometrySettings(Settings):
-    """The odometry: our own in continuous time (see tracking), KISS-ICP, small_gicp or, with an IMU, RKO-LIO or
-    GenZ-LIO; the defaults are for indoor scans."""
+    """The odometry: our own in continuous time (see tracking), KISS-ICP or small_gicp; the defaults are for indoor
+    scans."""
 
-    method: Literal["continuous_time", "kiss", "small_gicp", "rko_lio", "genz_lio"] = "continuous_time"
-    """odometry method; rko_lio and genz_lio need an IMU and the extra that installs them"""
+    method: Literal["continuous_time", "kiss", "small_gicp"] = "continuous_time"
+    """odometry method"""
     voxel_size: float = Field(0.3, gt=0)
     """m, voxel size of KISS-ICP's scans and local map; smaller is slower"""
     voxel_points: int = Field(1, ge=1)
@@ -29,7 +29,7 @@ class OdometrySettings(Settings):
     min_range: float = Field(0.3, ge=0)
     """m, minimum range of points, for all odometries but our own (`tracking.min_range`)"""
     iterations: int = Field(100, ge=1)
-    """maximum number of iterations of KISS-ICP, small_gicp and RKO-LIO"""
+    """maximum number of iterations of KISS-ICP and small_gicp"""
     convergence: float = Field(1e-4, gt=0)
     """m and rad, update below which KISS-ICP stops iterating"""
     max_step: float = Field(1.5, gt=0)
@@ -43,15 +43,9 @@ class OdometrySettings(Settings):
     gicp_reach: float = Field(0.3, gt=0)
     """m, maximum distance between corresponding points in small_gicp"""
     gicp_spacing: float = Field(0.3, gt=0)
-    """m or rad, minimum motion between two scans of small_gicp's local map, and of the recent scans against which a
-    LiDAR-inertial odometry is checked"""
+    """m or rad, minimum motion between two scans of small_gicp's local map"""
     gicp_scans: int = Field(15, ge=1)
-    """maximum number of scans in small_gicp's local map, and of the recent scans against which a LiDAR-inertial
-    odometry is checked"""
-    rko_voxel_size: float = Field(0.7, gt=0)
-    """m, voxel size of RKO-LIO's scans and local map"""
-    rko_reach: float = Field(0.3, gt=0)
-    """m, maximum distance between corresponding points in RKO-LIO"""
+    """maximum number of scans in small_gicp's local map"""
     outlier_distance: float = Field(0.4, gt=0)
     """m, maximum deviation of an external odometry's step from the previous one; a step beyond it is rejected"""
     outlier_angle: float = Field(0.5, gt=0)

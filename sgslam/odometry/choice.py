@@ -6,8 +6,7 @@ from pathlib import Path
 from data.common.errors import UserError
 from sgslam.config import Config
 from sgslam.odometry.external import ExternalOdometry
-from sgslam.odometry.factory import INERTIAL, METHODS
-from sgslam.odometry.lidar_inertial.library import imported
+from sgslam.odometry.factory import METHODS
 
 
 def choose(value: str, config: Config) -> tuple[Config, ExternalOdometry | None]:
@@ -33,12 +32,3 @@ def health_note(method: str) -> str | None:
     if method != "small_gicp":
         note += "; their sigmas come from the settings odometry.other_sigma_rotation and other_sigma_translation alone"
     return f"{note}; health and quality of this run say little"
-
-
-def check_inertial(method: str, has_imu: bool) -> None:
-    """Raises UserError if a method needs an IMU that is not there, or a library."""
-    if method not in INERTIAL:
-        return
-    imported(method)
-    if not has_imu:
-        raise UserError(f"--odometry {method}: needs an IMU; give its samples with --imu FILE, or another odometry")

@@ -12,8 +12,6 @@ from sgslam.odometry.timed import TimedOdometry
 
 METHODS: tuple[str, ...] = get_args(OdometrySettings.model_fields["method"].annotation)
 
-INERTIAL = ("rko_lio", "genz_lio")  # those that need an IMU
-
 
 def make_odometry(
     odometry: OdometrySettings, tracking: TrackingSettings, imu: ImuBuffer | None = None,
@@ -21,7 +19,7 @@ def make_odometry(
 ) -> Odometry:  # fmt: skip
     """Creates the odometry of `odometry.method`, which finds out the times of points that are not given as
     `tracking.point_times` says. Our own takes the motion from an `imu`, where there is one, and that `given` by
-    another system; LiDAR-inertial ones need the former. Raises UserError if it or the library is missing."""
+    another system. Raises UserError if a library is missing."""
     return TimedOdometry(partial(_make, odometry, tracking, imu, given), tracking.point_times, tracking.stamp)
 
 
@@ -36,16 +34,4 @@ def _make(
         from sgslam.odometry.kiss import KissOdometry
 
         return KissOdometry(odometry)
-    if odometry.method in INERTIAL:
-        return _lidar_inertial(odometry, imu)
     return ContinuousTimeOdometry(tracking, None if imu is None else MeasuredMotion(imu), given)
-
-
-def _lidar_inertial(odometry: OdometrySettings, imu: ImuBuffer | None) -> Odometry:
-    from sgslam.odometry.lidar_inertial.adapter import LidarInertialOdometry
-    from sgslam.odometry.lidar_inertial.genz_lio import GenzLio
-    from sgslam.odometry.lidar_inertial.library import imported
-    from sgslam.odometry.lidar_inertial.rko_lio import RkoLio
-
-    imported(odometry.method)
-    return LidarInertialOdometry(odometry, imu, partial(RkoLio if odometry.method == "rko_lio" else GenzLio, odometry))

@@ -8,27 +8,23 @@ import pytest
 from boxes import Array, pose, scan, scene_of
 from commands import called
 from drives import small_drive
-from odometries import LIMITS, REGISTERING, felt, make, registered
+from odometries import LIMITS, make, registered
 from walks import SCAN_NS, SENSOR, bow, circle, from_file, furnished, off, rolling, step_errors
 
 from data import UserError
-from data.imu import ImuSamples
 from data.trajectory import Trajectory
-from sgslam.config import Config, ImuSettings, OdometrySettings, TrackingSettings
+from sgslam.config import Config, OdometrySettings
 from sgslam.geometry.frames import inverse, is_rigid, transform_points
-from sgslam.inertial import ImuBuffer
-from sgslam.odometry import METHODS, make_odometry
+from sgslam.odometry import METHODS
 from sgslam.odometry.choice import choose, health_note
 from sgslam.odometry.external import ExternalOdometry
-from sgslam.odometry.factory import INERTIAL
 from sgslam.odometry.given import GivenPoses
 from sgslam.registration import Registration
 from sgslam.slam import SceneGraphSlam
 
 NS = 1_000_000_000
-each = pytest.mark.parametrize("method", [*REGISTERING, "given"])
-LIDAR_INERTIAL = [param for param in REGISTERING if param.values[0] in INERTIAL]
-each_registering = pytest.mark.parametrize("method", REGISTERING)
+each = pytest.mark.parametrize("method", [*METHODS, "given"])
+each_registering = pytest.mark.parametrize("method", METHODS)
 
 
 @functools.cache
@@ -83,7 +79,7 @@ def test_scans_of_next_to_nothing_are_survived(method: str) -> None:
 def test_a_robot_that_stands_stays(method: str) -> None:
     place = pose(3.0, 2.5, 0.8, 0.4)
     found = registered(method, [scan(furnished(), place, SENSOR, i) for i in range(25)], [place] * 25)
-    assert max(off(found[0].T_odom_sensor, result.T_odom_sensor)[0] for result in found) < LIMITS[method].stands
+    assert max(off(found[0].T_odom_sensor, result.T_odom_sensor)[0] for result in found) < 0.05
 
 
 @each_registering
@@ -112,7 +108,7 @@ def test_scans_of_a_moving_sensor_are_undistorted(method: str) -> None:
     true = transform_points(inverse(T) @ circle(np.array([2.395]))[0], raw)
     assert np.median(np.linalg.norm(right - true, axis=1)) < 0.5 * np.median(np.linalg.norm(raw - true, axis=1))
     step = off(found[-1].T_odom_sensor, found[-1].motion.at(0.1))[0]
-    assert step == pytest.approx(off(truth[-2], truth[-1])[0], abs=limits.last_step)
+    assert step == pytest.approx(off(truth[-2], truth[-1])[0], abs=0.03)
 
 
 @pytest.mark.parametrize(
@@ -206,44 +202,14 @@ def test_a_leap_of_the_scans_is_searched_and_found(method: str, mount: Array) ->
     assert metres < 0.3 and radians == pytest.approx(1.75, abs=0.1)
 
 
-@pytest.mark.parametrize("method", LIDAR_INERTIAL)
-def test_a_lidar_inertial_odometry_asks_for_an_imu(method: str) -> None:
-    settings = OdometrySettings(method=method)  # type: ignore[arg-type]
-    with pytest.raises(UserError, match=f"{method}: needs an IMU"):
-        make_odometry(settings, TrackingSettings())
-    with pytest.raises(UserError, match=r"no sample of an IMU before the scan at 0.000000000 s.*add_imu"):
-        SceneGraphSlam(config=Config(odometry=settings)).add_scan(0, bow()[0][0])
-
-
-@pytest.mark.parametrize("method", LIDAR_INERTIAL)
-def test_where_samples_of_the_imu_are_missing_it_starts_again(method: str, caplog: pytest.LogCaptureFixture) -> None:
-    """Between the sixth scan and the fourteenth."""
-    (scans, truth), imu = bow(), ImuBuffer(ImuSettings())
-    samples = felt(truth, SCAN_NS)
-    for there in (samples.stamps_ns < 6 * SCAN_NS, samples.stamps_ns > 13 * SCAN_NS):
-        imu.add(ImuSamples(samples.stamps_ns[there], samples.gyro[there], samples.accel[there]))
-    odometry = make_odometry(OdometrySettings(method=method), TrackingSettings(), imu)  # type: ignore[arg-type]
-    found = [odometry.register(i * SCAN_NS, points) for i, points in enumerate(scans)]
-    assert "no samples of the IMU" in caplog.text and "starts a new local map" in caplog.text
-    assert {result.health for result in found[7:13]} == {"lost"} and found[-1].health != "lost"
-    assert np.median(step_errors(found[16:], truth[16:])[:, 0]) < 2 * LIMITS[method].step
-
-
 @pytest.mark.long
-@pytest.mark.parametrize("method", REGISTERING[1:])
+@pytest.mark.parametrize("method", METHODS[1:])
 def test_a_run_is_anchored_by_each(method: str) -> None:
     drive = small_drive()
     slam = SceneGraphSlam(drive.bim, config=Config(odometry=OdometrySettings(method=method)))  # type: ignore[arg-type]
-    interval_ns, known_ns = drive.scans[1][0], -NS
-    samples = felt(list(drive.truth.poses), interval_ns)
     for stamp_ns, points in drive.scans:
-        if method in INERTIAL:  # the samples until the scan's end
-            new = (samples.stamps_ns > known_ns) & (samples.stamps_ns <= stamp_ns + interval_ns)
-            slam.add_imu(samples.stamps_ns[new], samples.gyro[new], samples.accel[new])
-            known_ns = samples.stamps_ns[new][-1]
         slam.add_scan(stamp_ns, points, np.zeros(len(points)))
     result = slam.finish()
     assert result.anchored and len(result.trajectory) == len(drive.scans), result.reason
-    # measured 0.005, with GenZ-LIO 0.014, with RKO-LIO 0.079, and, as KISS-ICP sways by a degree, 0.060, most of it in
-    # height
-    assert drive.rmse(result) < {"kiss": 0.12, "rko_lio": 0.2, "genz_lio": 0.05}.get(method, 0.02)
+    # measured 0.005, and, as KISS-ICP sways by a degree, 0.060, most of it in height
+    assert drive.rmse(result) < {"kiss": 0.12}.get(method, 0.02)
