@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse
-from sgslam.inertial import ImuBuffer, measured_up
-from sgslam.odometry import Odometry, make_odometry
-from sgslam.odometry.given import GivenPoses
+from sgslam.inertial import ImuBuffer, MeasuredMotion, measured_up
+from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.odometry.given_motion import GivenMotion
 from sgslam.odometry.timed import TimedOdometry
 from sgslam.perception import RawScan
@@ -60,56 +59,43 @@ class ScanTracker(Stateful):
         "_seen_ns",
     )  # fmt: skip
 
-    def __init__(
-        self, config: Config, odometry: Odometry, imu: ImuBuffer | None = None, motion: GivenMotion | None = None
-    ) -> None:
-        """`motion` is that of another system, which is measured."""
-        self._config, self._odometry, self._imu, self._motion = config, odometry, imu, motion
-        self._given = GivenPoses(config.odometry)
+    def __init__(self, config: Config, imu: ImuBuffer, given: GivenMotion) -> None:
+        """`given` has the poses of another system so far, if there is one."""
+        self._config, self._imu, self._given = config, imu, given
+        self._odometry = self._another()
         self._level = LevelFrame(config.tracking, config.imu.up_error)
         self._check = LevelCheck(config.tracking)
         # until it is known where up is, and what the points' times are: scans, and their poses as of now
         self._waiting: list[RawScan] = []
         self._found: list[Registration] = []
-        self._other: Odometry | None = None  # registers lost scans with one another
+        self._other: TimedOdometry | None = None  # registers lost scans with one another
         self._lost_since_ns: int | None = None  # the first of those that fit one another
         self._seen_ns: int | None = None  # the newest scan that was not lost
         self._lost_from_ns: int | None = None  # the first of the newest lost scans, or the last one before a pause
         self._found_ns: int | None = None  # the first scan from where the sensor was found again
         self._again_ns: int | None = None  # when it was found, for the last time
         self._T_level_source = np.eye(4)  # from the frame in which poses come
-        odometry.level(self._level.likely_up)  # as the mount says, until the surfaces do
-        if isinstance(odometry, TimedOdometry):
-            odometry.hold()
+        self._odometry.level(self._level.likely_up)  # as the mount says, until the surfaces do
+        self._odometry.hold()
 
     def track(self, raw: RawScan) -> list[TrackedScan]:
         """The newest scans whose poses are known: none in the first seconds, until up is known, then all."""
         if raw.T_odom_sensor is None:
             found = self._odometry.register(raw.stamp_ns, raw.points, raw.point_times)
         else:
-            found = self._given.register(raw.stamp_ns, raw.T_odom_sensor, raw.point_times)
+            found = self._given.newest(raw.point_times)
         if self._level.known:
             return [self._tracked(raw, found)]
         self._waiting.append(raw)
-        if isinstance(self._odometry, TimedOdometry) and raw.T_odom_sensor is None:
-            self._found = self._odometry.held
-        else:
-            self._found.append(found)
+        self._found = self._odometry.held if raw.T_odom_sensor is None else [*self._found, found]
         self._level.measure(self._measured_up())
         self._level.add(raw.stamp_ns, raw.points, self._found)
         if self._level.found:
             self._odometry.level(self._level.likely_up)
         return self.release() if self._is_settled(raw) else []
 
-    @property
-    def follows_given(self) -> bool:
-        """Whether the scans so far came with poses."""
-        return self._given.has_begun
-
     def _measured_up(self) -> Floats | None:
         """(3,) up by the accelerometer in the frame of the first pose, once it shows more than the carrier's steps."""
-        if self._imu is None:
-            return None
         T_first_odom = inverse(self._found[0].T_odom_sensor)
         poses = np.stack([T_first_odom @ result.T_odom_sensor for result in self._found])
         return measured_up(self._imu, np.array([raw.stamp_ns for raw in self._waiting]), poses)
@@ -118,16 +104,14 @@ class ScanTracker(Stateful):
         """Whether it is known where up is and what the points' times are, or it has been too long."""
         if self._level.waited_s(raw.stamp_ns) >= self._config.tracking.gravity_until:
             return True
-        if isinstance(self._odometry, TimedOdometry) and raw.T_odom_sensor is None and self._odometry.kind is None:
+        if raw.T_odom_sensor is None and self._odometry.kind is None:
             return False
         return self._level.sure
 
     def release(self) -> list[TrackedScan]:
         """The scans that wait; if up is not known yet, it is where the mount says."""
         if not self._level.known:
-            if isinstance(self._odometry, TimedOdometry):
-                released = self._odometry.release()
-                self._found = self._found if self.follows_given else released
+            self._found = self._odometry.release() or self._found  # the latter where poses are given
             self._level.settle(self._found)
             self._T_level_source = self._T_level_now()
             self._odometry.level(self._T_level_source[2, :3])
@@ -152,8 +136,6 @@ class ScanTracker(Stateful):
 
     def times_of(self, points: Floats, point_times: Floats | None) -> Floats | None:
         """(N,) the times of a scan's points (N, 3), told or not, by what is known now; None for a snapshot."""
-        if not isinstance(self._odometry, TimedOdometry):
-            return point_times
         return self._odometry.times_of(points, point_times)
 
     def _T_level_now(self) -> Floats:  # noqa: N802
@@ -229,15 +211,21 @@ class ScanTracker(Stateful):
             self._other, self._lost_since_ns = None, None
         return not is_here
 
-    def _another(self) -> Odometry:
+    def _another(self) -> TimedOdometry:
         """An odometry that knows of no scan yet."""
-        return make_odometry(self._config.odometry, self._config.tracking, self._imu, self._motion)
+        settings = self._config.tracking
+        measured = self._given if self._config.odometry.given == "measured" else None
+
+        def make() -> ContinuousTimeOdometry:
+            return ContinuousTimeOdometry(settings, MeasuredMotion(self._imu), measured)
+
+        return TimedOdometry(make, settings.point_times, settings.stamp)
 
     def state(self) -> dict[str, Any]:
         """See `Stateful`; with the state of its parts."""
         other = None if self._other is None else self._other.state()
         return {
-            **super().state(), "odometry": self._odometry.state(), "given": self._given.state(),
+            **super().state(), "odometry": self._odometry.state(),
             "level": self._level.state(), "check": self._check.state(), "other": other,
         }  # fmt: skip
 
@@ -245,7 +233,6 @@ class ScanTracker(Stateful):
         """See `Stateful`."""
         super().restore(state)
         self._odometry.restore(state["odometry"])
-        self._given.restore(state["given"])
         self._level.restore(state["level"])
         self._check.restore(state["check"])
         if state["other"] is not None:
