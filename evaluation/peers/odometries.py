@@ -4,6 +4,7 @@ import os
 import subprocess
 from collections.abc import Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +13,10 @@ from data.common.errors import UserError
 from data.scans import Scan
 from data.trajectory import Trajectory
 from sgslam.config import OdometrySettings, TrackingSettings
-from sgslam.odometry.kiss import KissOdometry
-from sgslam.odometry.small_gicp import SmallGicpOdometry
+
+if TYPE_CHECKING:
+    from sgslam.odometry.kiss import KissOdometry
+    from sgslam.odometry.small_gicp import SmallGicpOdometry
 
 Array = NDArray[np.float64]
 
@@ -31,15 +34,19 @@ local_mapper: {voxel_size: 0.1, splitting_distance: 3.0}
 def kiss_icp_alone(scans: Iterable[Scan]) -> Trajectory:
     """T_odom_sensor of KISS-ICP (Vizzo et al., RA-L 2023) at the ends of the scans, to which they are undistorted where
     their points have times."""
+    from sgslam.odometry.kiss import KissOdometry
+
     return _at_ends(scans, KissOdometry(OdometrySettings(), TrackingSettings()))
 
 
 def small_gicp_alone(scans: Iterable[Scan]) -> Trajectory:
     """As `kiss_icp_alone`, of small_gicp's GICP (Segal et al., RSS 2009; Koide, JOSS 2024)."""
+    from sgslam.odometry.small_gicp import SmallGicpOdometry
+
     return _at_ends(scans, SmallGicpOdometry(TrackingSettings()))
 
 
-def _at_ends(scans: Iterable[Scan], odometry: KissOdometry | SmallGicpOdometry) -> Trajectory:
+def _at_ends(scans: Iterable[Scan], odometry: "KissOdometry | SmallGicpOdometry") -> Trajectory:
     poses = dict[int, Array]()
     for scan in scans:
         odometry.locate(scan.stamp_ns, scan.points, scan.point_times)

@@ -131,10 +131,9 @@ class RunTracker:
         """Tracked scans as steps, up to the one that shows that the sensor was carried elsewhere."""
         steps: list[TrackingStep] = []
         for number, found in enumerate(tracked):
-            has_pose = found.raw.T_odom_sensor is not None  # which says where the sensor is
-            scan = found if has_pose else self._tracker.confirmed(found)
-            if not has_pose and self._tracker.was_carried_elsewhere(scan):
-                return [*steps, *self._begin_elsewhere(tracked[number:])]
+            scan, since_ns = self._tracker.judged(found)
+            if since_ns is not None:
+                return [*steps, *self._begin_elsewhere(since_ns, tracked[number:])]
             self._kept = [*self._kept, scan] if scan.waits else []
             self._compare_clocks(scan)
             steps.append(scan)
@@ -148,9 +147,8 @@ class RunTracker:
         else:
             self._clock.lose()
 
-    def _begin_elsewhere(self, newest: list[TrackedScan]) -> list[TrackingStep]:
+    def _begin_elsewhere(self, since_ns: int, newest: list[TrackedScan]) -> list[TrackingStep]:
         """Tracks the scans since the sensor was carried elsewhere, and the `newest` ones, from the beginning."""
-        since_ns = self._tracker.carried_since_ns
         again = [scan.raw for scan in (*self._kept, *newest) if scan.raw.stamp_ns >= since_ns]
         self._advice = [*self._advice, *([line] if (line := self._tracker.advice) else [])]
         self._tracker, self._kept = ScanTracker(self._config, self.imu, self._given), []

@@ -18,6 +18,7 @@ from sgslam.registration import Health, Registration
 from sgslam.serialization import Stateful
 from sgslam.tracking.level_check import LevelCheck
 from sgslam.tracking.level_frame import LevelFrame
+from sgslam.tracking.lost_sensor import LostSensor
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -54,10 +55,7 @@ class ScanTracker(Stateful):
     What the graph knows better, by the plan and by loops, acts as T_map_odom and never moves `odom`.
     """
 
-    _STATE = (
-        "_waiting", "_found", "_lost_since_ns", "_T_level_source", "_lost_from_ns", "_found_ns", "_again_ns",
-        "_seen_ns",
-    )  # fmt: skip
+    _STATE = ("_waiting", "_found", "_T_level_source")
 
     def __init__(self, config: Config, imu: ImuBuffer, given: GivenMotion) -> None:
         """`given` has the poses of another system so far, if there is one."""
@@ -65,15 +63,10 @@ class ScanTracker(Stateful):
         self._odometry = self._another()
         self._level = LevelFrame(config.tracking, config.imu.up_error)
         self._check = LevelCheck(config.tracking)
+        self._lost = LostSensor(config.tracking, self._another)
         # until it is known where up is, and what the points' times are: scans, and their poses as of now
         self._waiting: list[RawScan] = []
         self._found: list[Registration] = []
-        self._other: TimedOdometry | None = None  # registers lost scans with one another
-        self._lost_since_ns: int | None = None  # the first of those that fit one another
-        self._seen_ns: int | None = None  # the newest scan that was not lost
-        self._lost_from_ns: int | None = None  # the first of the newest lost scans, or the last one before a pause
-        self._found_ns: int | None = None  # the first scan from where the sensor was found again
-        self._again_ns: int | None = None  # when it was found, for the last time
         self._T_level_source = np.eye(4)  # from the frame in which poses come
         self._odometry.level(self._level.likely_up)  # as the mount says, until the surfaces do
         self._odometry.hold()
@@ -155,61 +148,16 @@ class ScanTracker(Stateful):
             T_begin_sensor=inverse(motion.at(began)) @ found.T_odom_sensor if began < 0 else None,
         )  # fmt: skip
 
-    @property
-    def carried_since_ns(self) -> int:
-        """The stamp of the first of the lost scans that fit one another, or of the first unconfirmed scan before them;
-        to be asked where the sensor was carried elsewhere."""
-        assert self._lost_since_ns is not None
-        return self._lost_since_ns if self._found_ns is None else self._found_ns
-
-    def confirmed(self, scan: TrackedScan) -> TrackedScan:
-        """The scan, marked as unconfirmed where the sensor was lost for longer and found again not long ago.
-
-        To be asked for each scan, before `was_carried_elsewhere`.
-        """
-        settings, stamp = self._config.tracking, scan.raw.stamp_ns
-        if scan.is_after_pause and self._lost_from_ns is None:
-            self._lost_from_ns = self._seen_ns
+    def judged(self, scan: TrackedScan) -> tuple[TrackedScan, int | None]:
+        """The scan, marked as unconfirmed where the sensor was lost for longer and found again not long ago, and the
+        stamp since which the sensor is elsewhere, None where it is not: see `LostSensor`. To be asked for each scan."""
+        raw = scan.raw
+        if raw.T_odom_sensor is not None:  # which says where the sensor is
+            return scan, None
         if scan.health == "lost":
-            self._lost_from_ns = stamp if self._lost_from_ns is None else self._lost_from_ns
-            return scan
-        self._seen_ns = stamp
-        self._lost_since_ns = stamp if self._was_unseen(stamp) else None
-        if self._lost_from_ns is not None and stamp - self._lost_from_ns >= 1e9 * settings.kidnapped:
-            self._again_ns, self._found_ns = stamp, stamp if self._found_ns is None else self._found_ns
-        elif self._again_ns is not None and stamp - self._again_ns > 1e9 * settings.unconfirmed:
-            self._again_ns, self._found_ns = None, None
-        self._lost_from_ns = None
-        return replace(scan, unconfirmed=self._again_ns is not None)
-
-    def _was_unseen(self, stamp_ns: int) -> bool:
-        """Whether the sensor was lost for so long that it may be in another room by now, which looks the same."""
-        since = self._lost_from_ns
-        return since is not None and stamp_ns - since >= 1e9 * self._config.tracking.unseen
-
-    def was_carried_elsewhere(self, scan: TrackedScan) -> bool:
-        """Whether the sensor was carried elsewhere: lost scans fit one another, for some time, and not the map near
-        the place where it was lost. Or nothing was seen of its way for long, which is no different.
-
-        To be asked for each scan.
-        """
-        if scan.health != "lost":
-            self._other = None
-            return self._lost_since_ns is not None
-        if self._other is None or self._lost_since_ns is None:
-            self._other = self._another()
-            self._lost_since_ns = scan.raw.stamp_ns
-        found = self._other.register(scan.raw.stamp_ns, scan.raw.points, scan.raw.point_times)
-        if found.health == "lost":
-            self._other, self._lost_since_ns = None, None
-            return False
-        if scan.raw.stamp_ns - self._lost_since_ns < 1e9 * self._config.tracking.kidnapped:
-            return False
-        is_here = not self._was_unseen(self._lost_since_ns) and self._odometry.rejoin(self._other)
-        if is_here:
-            self._found_ns = self._lost_since_ns if self._found_ns is None else self._found_ns
-            self._other, self._lost_since_ns = None, None
-        return not is_here
+            return scan, self._lost.lose(raw, scan.is_after_pause, self._odometry)
+        unconfirmed, since_ns = self._lost.see(raw.stamp_ns, scan.is_after_pause)
+        return replace(scan, unconfirmed=unconfirmed), since_ns
 
     def _another(self) -> TimedOdometry:
         """An odometry that knows of no scan yet."""
@@ -223,10 +171,9 @@ class ScanTracker(Stateful):
 
     def state(self) -> dict[str, Any]:
         """See `Stateful`; with the state of its parts."""
-        other = None if self._other is None else self._other.state()
         return {
-            **super().state(), "odometry": self._odometry.state(),
-            "level": self._level.state(), "check": self._check.state(), "other": other,
+            **super().state(), "odometry": self._odometry.state(), "level": self._level.state(),
+            "check": self._check.state(), "lost": self._lost.state(),
         }  # fmt: skip
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -235,6 +182,4 @@ class ScanTracker(Stateful):
         self._odometry.restore(state["odometry"])
         self._level.restore(state["level"])
         self._check.restore(state["check"])
-        if state["other"] is not None:
-            self._other = self._another()
-            self._other.restore(state["other"])
+        self._lost.restore(state["lost"])
