@@ -17,7 +17,6 @@ from sgslam.odometry.timed import TimedOdometry
 from sgslam.perception import RawScan
 from sgslam.registration import Health, Registration
 from sgslam.serialization import Stateful
-from sgslam.tracking.level_check import LevelCheck
 from sgslam.tracking.level_frame import LevelFrame
 
 Floats = NDArray[np.float64]
@@ -67,7 +66,6 @@ class ScanTracker(Stateful):
         self._config, self._odometry, self._imu, self._motion = config, odometry, imu, motion
         self._given = GivenPoses(config.odometry)
         self._level = LevelFrame(config.tracking, config.imu.up_error)
-        self._check = LevelCheck(config.tracking)
         # until it is known where up is, and what the points' times are: scans, and their poses as of now
         self._waiting: list[RawScan] = []
         self._found: list[Registration] = []
@@ -164,14 +162,17 @@ class ScanTracker(Stateful):
 
     def _tracked(self, raw: RawScan, found: Registration) -> TrackedScan:
         T_odom_sensor = self._T_level_source @ found.T_odom_sensor
-        points = found.undistorted(raw.points)
-        if found.health != "lost":
-            self._check.add(raw.stamp_ns, points, T_odom_sensor)
         began, motion = found.motion.seconds[0], found.motion
+        T_begin_sensor = inverse(motion.at(began)) @ found.T_odom_sensor if began < 0 else None
         return TrackedScan(
-            raw, points, T_odom_sensor, found.covariance, found.health, is_after_pause=found.is_after_pause,
-            T_begin_sensor=inverse(motion.at(began)) @ found.T_odom_sensor if began < 0 else None,
-        )  # fmt: skip
+            raw,
+            found.undistorted(raw.points),
+            T_odom_sensor,
+            found.covariance,
+            found.health,
+            is_after_pause=found.is_after_pause,
+            T_begin_sensor=T_begin_sensor,
+        )
 
     @property
     def carried_since_ns(self) -> int:
@@ -238,7 +239,7 @@ class ScanTracker(Stateful):
         other = None if self._other is None else self._other.state()
         return {
             **super().state(), "odometry": self._odometry.state(), "given": self._given.state(),
-            "level": self._level.state(), "check": self._check.state(), "other": other,
+            "level": self._level.state(), "other": other,
         }  # fmt: skip
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -247,7 +248,6 @@ class ScanTracker(Stateful):
         self._odometry.restore(state["odometry"])
         self._given.restore(state["given"])
         self._level.restore(state["level"])
-        self._check.restore(state["check"])
         if state["other"] is not None:
             self._other = self._another()
             self._other.restore(state["other"])
