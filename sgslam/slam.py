@@ -95,7 +95,7 @@ class SceneGraphSlam:
 
     def add_tracked(self, step: TrackingStep, advice: Sequence[str] = ()) -> None:
         """Adds a scan that a `RunTracker` elsewhere has tracked, instead of `add_scan`: all of a run's steps, in their
-        order, give the same map. `advice` is the tracker's so far; a scan's raw points are not used."""
+        order, give the same map. `advice` is the tracker's so far."""
         self._advice = list(advice)
         self._take(step)
 

@@ -30,6 +30,3 @@ class ImuSettings(Settings):
     """m/s2/sqrt(s), random walk of the accelerometer's bias; three times the value at rest, for a chip that warms up"""
     velocity_error: float = Field(0.05, gt=0)
     """m/s, standard deviation of the velocities from registration, by which the bias is estimated"""
-    up_error: float = Field(0.1, gt=0)
-    """rad, maximum angle between the vertical of the surfaces and that of the accelerometer at which the surfaces',
-    which is more exact, is used"""

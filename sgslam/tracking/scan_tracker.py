@@ -25,22 +25,40 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, eq=False)
 class TrackedScan:
-    """A scan with its pose `T_odom_sensor` (4, 4) at its stamp, in a level frame; `points` (N, 3) as at that instant.
+    """A scan with its pose `T_odom_sensor` (4, 4) at its stamp, in a level frame.
 
-    `covariance` (6, 6) is that of the pose against the odometry's map, rotation first, in the sensor's axes. It is
-    `unconfirmed` in the first seconds after the sensor was lost for longer: it may be in a place that looks alike.
-    After a pause in the scans the sensor counts as lost for as long. `T_begin_sensor` (4, 4) is the motion since the
-    first point, where that is before the stamp.
+    `registration` is in the odometry's frame; its covariance is that of the pose against the odometry's map. The scan
+    is `unconfirmed` in the first seconds after the sensor was lost for longer: it may be in a place that looks alike.
+    After a pause in the scans the sensor counts as lost for as long.
     """
 
     raw: RawScan
-    points: Floats
+    registration: Registration
     T_odom_sensor: Floats
-    covariance: Floats
-    health: Health
     unconfirmed: bool = False
-    is_after_pause: bool = False
-    T_begin_sensor: Floats | None = None
+
+    @property
+    def health(self) -> Health:
+        """How the scan fits the odometry's map."""
+        return self.registration.health
+
+    @property
+    def covariance(self) -> Floats:
+        """(6, 6), rotation first, in the sensor's axes."""
+        return self.registration.covariance
+
+    @property
+    def points(self) -> Floats:
+        """(N, 3) all points, as at the stamp."""
+        return self.registration.undistorted(self.raw.points)
+
+    @property
+    def T_begin_sensor(self) -> Floats | None:  # noqa: N802
+        """(4, 4) the motion since the first point, where that is before the stamp."""
+        motion = self.registration.motion
+        if motion.seconds[0] >= 0:
+            return None
+        return inverse(motion.at(motion.seconds[0])) @ self.registration.T_odom_sensor
 
     @property
     def waits(self) -> bool:
@@ -65,7 +83,7 @@ class ScanTracker(Stateful):
         """`motion` is that of another system, which is measured."""
         self._config, self._odometry, self._imu, self._motion = config, odometry, imu, motion
         self._given = GivenPoses(config.odometry)
-        self._level = LevelFrame(config.tracking, config.imu.up_error)
+        self._level = LevelFrame(config.tracking)
         # until it is known where up is, and what the points' times are: scans, and their poses as of now
         self._waiting: list[RawScan] = []
         self._found: list[Registration] = []
@@ -93,8 +111,7 @@ class ScanTracker(Stateful):
             self._found = self._odometry.held
         else:
             self._found.append(found)
-        self._level.measure(self._measured_up())
-        self._level.add(raw.stamp_ns, raw.points, self._found)
+        self._level.add(self._waiting, self._found, self._measured_up())
         if self._level.found:
             self._odometry.level(self._level.likely_up)
         return self.release() if self._is_settled(raw) else []
@@ -126,7 +143,7 @@ class ScanTracker(Stateful):
             if isinstance(self._odometry, TimedOdometry):
                 released = self._odometry.release()
                 self._found = self._found if self.follows_given else released
-            self._level.settle(self._found)
+            self._level.settle(self._waiting, self._found)
             self._T_level_source = self._T_level_now()
             self._odometry.level(self._T_level_source[2, :3])
         waiting, found = self._waiting, self._found
@@ -161,18 +178,7 @@ class ScanTracker(Stateful):
         return self._level.T_level_first @ inverse(self._found[0].T_odom_sensor)
 
     def _tracked(self, raw: RawScan, found: Registration) -> TrackedScan:
-        T_odom_sensor = self._T_level_source @ found.T_odom_sensor
-        began, motion = found.motion.seconds[0], found.motion
-        T_begin_sensor = inverse(motion.at(began)) @ found.T_odom_sensor if began < 0 else None
-        return TrackedScan(
-            raw,
-            found.undistorted(raw.points),
-            T_odom_sensor,
-            found.covariance,
-            found.health,
-            is_after_pause=found.is_after_pause,
-            T_begin_sensor=T_begin_sensor,
-        )
+        return TrackedScan(raw, found, self._T_level_source @ found.T_odom_sensor)
 
     @property
     def carried_since_ns(self) -> int:
@@ -187,7 +193,7 @@ class ScanTracker(Stateful):
         To be asked for each scan, before `was_carried_elsewhere`.
         """
         settings, stamp = self._config.tracking, scan.raw.stamp_ns
-        if scan.is_after_pause and self._lost_from_ns is None:
+        if scan.registration.is_after_pause and self._lost_from_ns is None:
             self._lost_from_ns = self._seen_ns
         if scan.health == "lost":
             self._lost_from_ns = stamp if self._lost_from_ns is None else self._lost_from_ns
