@@ -16,7 +16,6 @@ _FEWEST = 30  # surfels
 _ALIGNED = float(np.cos(np.radians(10.0)))  # of normals of one direction; a cell of a floor is level to a few degrees
 _SQUARE = float(np.sin(np.radians(10.0)))
 _DIRECTIONS = 6  # of surfaces that are looked at, the commonest first
-_LEAST_SHARE = 0.04  # of the surfaces that have one of these directions
 _SAMPLE = 150  # surfels that propose a direction
 _DISTINCT = float(np.cos(np.radians(20.0)))  # between candidates; of nearer ones the best fitting one counts
 _WINDOWS = np.radians([12.0, 8.0, 6.0, 6.0])  # of the robust fit, from coarse to fine
@@ -29,10 +28,8 @@ _NEAR = float(np.cos(np.radians(45.0)))  # of the expected vertical, as it is on
 _NORMAL_SIGMA = np.radians(4.0)  # of a surfel's normal, with what surfels of one wall have in common
 _ALIKE = 3.0  # surfels of one surface share errors: so many count as one measurement of its direction
 _STOREY = 4.0  # m: what is seen within one storey rarely spans more
-_FARTHEST = 2.5  # m between a carried sensor and the floor or the ceiling
 _FACES = 0.4  # m: so near the lowest and highest points, a level surface is floor or ceiling
 _BOB = 0.03  # m: a walking person's up and down
-_MEASURED = 0.02  # share of surfaces across an axis, below which the way along it is hardly measured
 
 
 @dataclass(frozen=True)
@@ -92,10 +89,10 @@ def _axes(normals: Floats, weights: Floats) -> list[Floats]:
     left, directions = weights.copy(), list[Floats]()
     proposals = normals[:: max(1, len(normals) // _SAMPLE)]
     alike = (np.abs(proposals @ normals.T) > _ALIGNED).astype(np.float64)
-    while len(directions) < _DIRECTIONS and left.sum() > _LEAST_SHARE * weights.sum():
-        direction = _mean_direction(proposals[np.argmax(alike @ left)], normals, left)
-        directions.append(direction)
-        left[np.abs(normals @ direction) > _ALIGNED] = 0.0
+    while len(directions) < _DIRECTIONS and left.any():
+        commonest = int(np.argmax(alike @ left))
+        directions.append(proposals[commonest])
+        left[np.abs(normals @ proposals[commonest]) > _ALIGNED] = 0.0
     square = [np.cross(a, b) for k, a in enumerate(directions) for b in directions[:k] if abs(a @ b) < 0.9]
     refined = [_refined(start / np.linalg.norm(start), normals, weights) for start in directions + square]
     axes: list[Floats] = []
@@ -103,15 +100,6 @@ def _axes(normals: Floats, weights: Floats) -> list[Floats]:
         if all(abs(axis @ other) < _DISTINCT for other in axes):
             axes.append(axis)
     return axes
-
-
-def _mean_direction(start: Floats, normals: Floats, weights: Floats) -> Floats:
-    direction = start
-    for _ in range(2):
-        cosine = normals @ direction
-        turned = np.where(np.abs(cosine) > _ALIGNED, np.sign(cosine) * weights, 0.0)
-        direction = turned @ normals / np.linalg.norm(turned @ normals)
-    return direction
 
 
 def _refined(axis: Floats, normals: Floats, weights: Floats) -> tuple[float, Floats]:
@@ -134,22 +122,19 @@ def _axis_odds(axis: Floats, positions: Floats, normals: Floats, weights: Floats
 
     The factors are near those of a logistic regression over simulated walks through a dozen buildings.
     """
-    z, way = (positions - sensors.mean(axis=0)) @ axis, sensors @ axis
+    z, way = positions @ axis, sensors @ axis
     level = np.abs(normals @ axis) > _ALIGNED
     low, high = _extent(z, weights)
-    # Walls lie at any distance, floors and ceilings within a storey, and within reach of a sensor that is carried.
-    too_high = float(np.clip((high - low - _STOREY) / 2, 0.0, 3.0))
-    too_far = float(np.clip(max(-low, high) - _FARTHEST, 0.0, 4.0))
+    # Walls lie at any distance, floors and ceilings within a storey.
+    too_high = min(max(high - low - _STOREY, 0.0), 6.0)
     # Nothing large and level lies between floor and ceiling; between two walls of a building there are others.
     is_between = level & (z > low + _FACES) & (z < high - _FACES)
     between = float(weights[is_between].sum() / weights.sum())
-    # One walks in the level. On a stair this is wrong, so it weighs less than its fit, 3.3. Where nothing across the
-    # axis is seen, an unknown drift along it is no climb.
-    climbing = float(np.clip(np.log(max(float(way.std()), _BOB) / _BOB), 0.0, 3.0))
-    climbing *= min(float(weights[level].sum() / weights.sum()) / _MEASURED, 1.0)
+    # One walks in the level. On a stair this is wrong, so it weighs less than its fit, 3.3.
+    climbing = min(float(np.log(max(float(way.std()), _BOB) / _BOB)), 3.0)
     # In a building every surface is level or upright; about another axis skewed walls and partitions are neither.
     fitting = _fitting(axis, normals, weights)
-    return -1.5 * too_high - 1.0 * too_far + 4.0 * fitting - 1.0 * between - 2.0 * climbing
+    return 4.0 * fitting - 1.25 * too_high - between - 2.0 * climbing
 
 
 def _extent(z: Floats, weights: Floats) -> tuple[float, float]:

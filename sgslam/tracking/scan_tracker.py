@@ -73,7 +73,7 @@ class ScanTracker(Stateful):
     """
 
     _STATE = (
-        "_waiting", "_found", "_lost_since_ns", "_T_level_source", "_lost_from_ns", "_found_ns", "_again_ns",
+        "waiting", "_found", "_lost_since_ns", "_T_level_source", "_lost_from_ns", "_found_ns", "_again_ns",
         "_seen_ns",
     )  # fmt: skip
 
@@ -85,7 +85,7 @@ class ScanTracker(Stateful):
         self._given = GivenPoses(config.odometry)
         self._level = LevelFrame(config.tracking)
         # until it is known where up is, and what the points' times are: scans, and their poses as of now
-        self._waiting: list[RawScan] = []
+        self.waiting: list[RawScan] = []
         self._found: list[Registration] = []
         self._other: Odometry | None = None  # registers lost scans with one another
         self._lost_since_ns: int | None = None  # the first of those that fit one another
@@ -106,12 +106,12 @@ class ScanTracker(Stateful):
             found = self._given.register(raw.stamp_ns, raw.T_odom_sensor, raw.point_times)
         if self._level.known:
             return [self._tracked(raw, found)]
-        self._waiting.append(raw)
+        self.waiting.append(raw)
         if isinstance(self._odometry, TimedOdometry) and raw.T_odom_sensor is None:
             self._found = self._odometry.held
         else:
             self._found.append(found)
-        self._level.add(self._waiting, self._found, self._measured_up())
+        self._level.add(self.waiting, self._found, self._measured_up())
         if self._level.found:
             self._odometry.level(self._level.likely_up)
         return self.release() if self._is_settled(raw) else []
@@ -127,7 +127,7 @@ class ScanTracker(Stateful):
             return None
         T_first_odom = inverse(self._found[0].T_odom_sensor)
         poses = np.stack([T_first_odom @ result.T_odom_sensor for result in self._found])
-        return measured_up(self._imu, np.array([raw.stamp_ns for raw in self._waiting]), poses)
+        return measured_up(self._imu, np.array([raw.stamp_ns for raw in self.waiting]), poses)
 
     def _is_settled(self, raw: RawScan) -> bool:
         """Whether it is known where up is and what the points' times are, or it has been too long."""
@@ -143,11 +143,11 @@ class ScanTracker(Stateful):
             if isinstance(self._odometry, TimedOdometry):
                 released = self._odometry.release()
                 self._found = self._found if self.follows_given else released
-            self._level.settle(self._waiting, self._found)
+            self._level.settle(self.waiting, self._found)
             self._T_level_source = self._T_level_now()
             self._odometry.level(self._T_level_source[2, :3])
-        waiting, found = self._waiting, self._found
-        self._waiting, self._found = [], []
+        waiting, found = self.waiting, self._found
+        self.waiting, self._found = [], []
         return [self._tracked(*scan) for scan in zip(waiting, found, strict=True)]
 
     @property
@@ -163,7 +163,7 @@ class ScanTracker(Stateful):
     @property
     def newest(self) -> Floats | None:
         """(4, 4) T_odom_sensor of the newest scan that waits, as far as known; None if none does."""
-        return self._T_level_now() @ self._found[-1].T_odom_sensor if self._waiting else None
+        return self._T_level_now() @ self._found[-1].T_odom_sensor if self.waiting else None
 
     def times_of(self, points: Floats, point_times: Floats | None) -> Floats | None:
         """(N,) the times of a scan's points (N, 3), told or not, by what is known now; None for a snapshot."""
