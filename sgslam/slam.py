@@ -31,7 +31,7 @@ from sgslam.tracking import CarriedElsewhere, RunTracker, TrackedScan, TrackingS
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
-_WAY_UP = "the scans do not show for sure whether the sensor was upside down; if it was, give --mount 180,0,0"
+_WAY_UP = "it is assumed that the sensor was not upside down; if it was, give --mount 180,0,0"
 
 
 class SceneGraphSlam:

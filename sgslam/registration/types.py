@@ -1,6 +1,6 @@
 """What a registration returns."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -10,7 +10,7 @@ from sgslam.config import TrackingSettings
 from sgslam.inertial import UnsteadyTurn
 from sgslam.registration.motion_prior import moved_on, velocity_between
 from sgslam.registration.moving_points import placed
-from sgslam.registration.sampling import TimedPoints, thinned
+from sgslam.registration.sampling import TimedPoints, one_a_cell
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -92,8 +92,11 @@ class Registration:
 
     def thinned(self, points: Floats, settings: TrackingSettings) -> Floats:
         """Returns a few of the points (N, 3) of the scan, spread evenly in space, as `undistorted` does."""
-        used = self.used or thinned(points, self.point_times, 0.0, _SIDE, settings)[0]
-        return self._at_stamp(used.points, used.seconds)
+        if self.used is not None:
+            return self._at_stamp(self.used.points, self.used.seconds)
+        own = one_a_cell(points, _SIDE, settings.min_range, settings.max_range)
+        times = None if self.point_times is None else self.point_times[own]
+        return replace(self, point_times=times).undistorted(points[own])
 
     def _at_stamp(self, steady: Floats, seconds: Floats) -> Floats:
         in_odom = self.motion.placed(steady, seconds)

@@ -23,14 +23,14 @@ _AGREE = np.radians(10.0)  # between the vertical of the surfaces, which is exac
 
 
 class LevelFrame(Stateful):
-    """`likely_up` (3,) is the best answer so far, in the frame of the first pose; `known` once that is settled.
+    """`likely_up` (3,) is the best answer so far, in the frame of the first pose, at first the mount's.
 
     Surfaces show the axis, and an accelerometer which end of it is up; without one it is the end nearer to the mount.
-    `found`: either showed anything yet, and `sure` tells whether that is good enough. `advice` is a line where the
-    stated mount proves wrong, else None.
+    `sure` tells whether that is good enough, and `known` that it is settled. `advice` is a line where the stated mount
+    proves wrong, else None.
     """
 
-    _STATE = ("known", "sure", "found", "likely_up", "advice", "_began_ns", "_next_ns", "_measured")
+    _STATE = ("known", "sure", "likely_up", "advice", "_looked_ns", "_measured")
 
     def __init__(self, settings: TrackingSettings) -> None:
         self._settings = settings
@@ -38,10 +38,9 @@ class LevelFrame(Stateful):
         # up in the first sensor's axes, if the carrier stands upright
         self._expected: Floats = Rotation.from_euler("ZYX", (yaw, pitch, roll), degrees=True).as_matrix()[2]
         self.likely_up = self._expected
-        self.known, self.sure, self.found = False, False, False
+        self.known, self.sure = False, False
         self.advice: str | None = None
-        self._began_ns: int | None = None
-        self._next_ns = 0
+        self._looked_ns: int | None = None  # the stamp of the last attempt
         self._measured: Floats | None = None  # up by an accelerometer
 
     @property
@@ -61,27 +60,20 @@ class LevelFrame(Stateful):
 
         `measured_up` (3,) is up as an accelerometer shows it, in the frame of the first pose; None: not known yet.
         """
-        stamp_ns = raws[-1].stamp_ns
+        began_ns, stamp_ns = raws[0].stamp_ns, raws[-1].stamp_ns
         if measured_up is not None:
             self._measured = self.likely_up = measured_up
-            self.found = True
-        if self._began_ns is None:
-            self._began_ns, self._next_ns = stamp_ns, stamp_ns + _BETWEEN_NS
-        if stamp_ns < self._next_ns:
+        if stamp_ns - (began_ns if self._looked_ns is None else self._looked_ns) < _BETWEEN_NS:
             return
-        self._next_ns = stamp_ns + _BETWEEN_NS
-        is_time = self.waited_s(stamp_ns) >= self._settings.gravity_after
+        self._looked_ns = stamp_ns
+        is_time = stamp_ns - began_ns >= 1e9 * self._settings.gravity_after
         if self._measured is not None:
             self.sure = is_time
             return
         seen = self._seen(raws, results)
         if seen is not None and seen.is_sure:
-            self.found, self.likely_up = True, seen.up
+            self.likely_up = seen.up
             self.sure = is_time and self._tilt(seen.up) < _LIES
-
-    def waited_s(self, stamp_ns: int) -> float:
-        """Seconds since the first scan."""
-        return 0.0 if self._began_ns is None else (stamp_ns - self._began_ns) / 1e9
 
     def settle(self, raws: list[RawScan], results: list[Registration]) -> None:
         """Ends the search with all scans and their `results`; where nothing is found, up is where the mount says."""

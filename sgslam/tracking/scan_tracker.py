@@ -112,8 +112,7 @@ class ScanTracker(Stateful):
         else:
             self._found.append(found)
         self._level.add(self.waiting, self._found, self._measured_up())
-        if self._level.found:
-            self._odometry.level(self._level.likely_up)
+        self._odometry.level(self._level.likely_up)
         return self.release() if self._is_settled(raw) else []
 
     @property
@@ -131,7 +130,7 @@ class ScanTracker(Stateful):
 
     def _is_settled(self, raw: RawScan) -> bool:
         """Whether it is known where up is and what the points' times are, or it has been too long."""
-        if self._level.waited_s(raw.stamp_ns) >= self._config.tracking.gravity_until:
+        if raw.stamp_ns - self.waiting[0].stamp_ns >= 1e9 * self._config.tracking.gravity_until:
             return True
         if isinstance(self._odometry, TimedOdometry) and raw.T_odom_sensor is None and self._odometry.kind is None:
             return False
