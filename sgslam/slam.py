@@ -38,12 +38,12 @@ class SceneGraphSlam:
     """SLAM with an S-graph, anchored to a building's A-graph if one is given.
 
     `bim` is the result of `load_bim`, or an A-graph in the BIM frame, without the model's elements; `matcher` is any
-    object with `.match(s, a)`; `odometry` is any `Odometry` (default: the one in the settings, by default our own in
-    continuous time); `clouds` stores the keyframes' points (default: an anonymous temporary file). `prior` is the map
-    of earlier runs: the run is relocalised in it, wherever it starts, and merged into it at the end; all results are
-    then in that map's frame. `storey` is the name or id of the A-graph's floor on which the run begins; raises
-    UserError if it does not exist. `stopwatch` measures the time of each stage. Scans must be added in the order of
-    their stamps.
+    object with `.match(s, a)`; `odometry` is any `Odometry`, whose poses are given ones (default: that of the settings,
+    by default our own registration in continuous time); `clouds` stores the keyframes' points (default: an anonymous
+    temporary file). `prior` is the map of earlier runs: the run is relocalised in it, wherever it starts, and merged
+    into it at the end; all results are then in that map's frame. `storey` is the name or id of the A-graph's floor on
+    which the run begins; raises UserError if it does not exist. `stopwatch` measures the time of each stage. Scans must
+    be added in the order of their stamps.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class SceneGraphSlam:
         be a point cloud of Open3D.
 
         `point_times` (N,) are the seconds after the stamp at which the points were measured; without them the setting
-        `tracking.point_times` counts. `T_odom_sensor` (4, 4), if given, replaces the odometry for this scan, or
+        `tracking.point_times` counts. `T_odom_sensor` (4, 4), if given, replaces registration of this scan, or
         is an additional measurement for it, depending on the setting `odometry.given`: one that replaces must be given
         for all scans or for none, measured ones may be given for some. `step_covariance` (6, 6) is that of its motion
         since the previous scan, rotation (rad) first, in the sensor's axes (default: from the settings).

@@ -66,15 +66,6 @@ class ImuBuffer(Stateful):
         steps = (found.gyro[1:] + found.gyro[:-1]) / 2 * np.diff(found.stamps_ns)[:, None] / 1e9
         return found.stamps_ns, np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
 
-    def within(self, begin_ns: int, end_ns: int) -> ImuSamples | None:
-        """The samples after a time and until another, none of them twice where the times follow one another; None where
-        there is a gap."""
-        samples = self.around(begin_ns, end_ns)
-        if samples is None:
-            return None
-        inside = (samples.stamps_ns > begin_ns) & (samples.stamps_ns <= end_ns)
-        return ImuSamples(samples.stamps_ns[inside], samples.gyro[inside], samples.accel[inside])
-
     def _take_newer(self) -> None:
         if not self._newer:
             return

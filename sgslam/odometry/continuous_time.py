@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import inverse, transform_points
 from sgslam.inertial import NO_TURNS, Changes, MeasuredMotion, no_changes
-from sgslam.odometry.base import Odometry, State
+from sgslam.odometry.base import State
 from sgslam.odometry.given_motion import GivenMotion
 from sgslam.registration import Health, Motion, Registration
 from sgslam.registration.attempts import best_attempt
@@ -83,14 +83,15 @@ class ContinuousTimeOdometry:
         return self._map.surfels()
 
     def level(self, up_in_odom: Floats) -> None:
-        """See `Odometry.level`."""
+        """Sets the direction of gravity (3,) in `odom`, once it is known."""
         if self._beliefs:  # the sensor is as far from its usual height as before
             self._height += float((up_in_odom - self._model.up) @ self._beliefs[-1].T[:3, 3])
         self._up = up_in_odom
         self._model.level(up_in_odom)
 
     def register(self, stamp_ns: int, points: Floats, point_times: Floats | None = None) -> Registration:
-        """See `Odometry.register`."""
+        """Registers the points (N, 3), N >= 0, of one scan in the sensor frame, measured `point_times` (N,) seconds
+        after its stamp (None if unknown)."""
         if self._first_ns is None:
             self._first_ns = stamp_ns
             if self._imu is not None:
@@ -295,8 +296,9 @@ class ContinuousTimeOdometry:
         return replace(belief, T=knots[-1], covariance=covariance), knots
 
     def look_back(self, results: list[Registration]) -> list[Registration]:
-        """See `Odometry.look_back`: the later scans are the map, and the first ones are registered to it from the last
-        of them to the first."""
+        """Returns the results of all scans so far, with the first ones registered again, as these had hardly any map
+        before: the later scans are the map, and they are registered to it from the last of them to the first. To be
+        called once, after some seconds."""
         early, self._early = self._early, None
         if early is None or len(early) != len(results) or any(result.health == "lost" for result in results):
             return results
@@ -333,9 +335,10 @@ class ContinuousTimeOdometry:
         self._map = back._map
         return [*again[::-1], *results[count:]]
 
-    def rejoin(self, other: Odometry) -> bool:
-        """See `Odometry.rejoin`."""
-        if not isinstance(other, ContinuousTimeOdometry) or other._older is None or self._up is None:
+    def rejoin(self, other: "ContinuousTimeOdometry") -> bool:
+        """Tries to register the scan that `other` registered last near the place where the sensor was lost, and
+        continues from there. Returns whether it fits."""
+        if other._older is None or self._up is None:
             return False
         assert self._first_ns is not None and other._first_ns is not None
         lost = self._beliefs
@@ -368,12 +371,12 @@ class ContinuousTimeOdometry:
         self._map.add(points, motion.rays(points, scan.seconds), self._way, self._settings.local_map)
 
     def state(self) -> dict[str, Any]:
-        """See `Odometry.state`."""
+        """Returns the state as a tree; another instance with the same settings continues identically."""
         imu = None if self._imu is None else self._imu.state()
         return {"map": self._map.state(), "imu": imu} | {name: getattr(self, name) for name in self._STATE}
 
     def restore(self, state: State) -> None:
-        """See `Odometry.restore`."""
+        """Restores what `state` returned."""
         self._map.restore(state["map"])
         if self._imu is not None:
             self._imu.restore(state["imu"])
