@@ -31,7 +31,7 @@ from sgslam.tracking import CarriedElsewhere, RunTracker, TrackedScan, TrackingS
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
-_WAY_UP = "the scans do not show for sure whether the sensor was upside down; if it was, give --mount 180,0,0"
+_WAY_UP = "it is assumed that the sensor was not upside down; if it was, give --mount 180,0,0"
 
 
 class SceneGraphSlam:
@@ -94,7 +94,7 @@ class SceneGraphSlam:
 
     def add_tracked(self, step: TrackingStep, advice: Sequence[str] = ()) -> None:
         """Adds a scan that a `RunTracker` elsewhere has tracked, instead of `add_scan`: all of a run's steps, in their
-        order, give the same map. `advice` is the tracker's so far; a scan's raw points are not used."""
+        order, give the same map. `advice` is the tracker's so far."""
         self._advice = list(advice)
         self._take(step)
 

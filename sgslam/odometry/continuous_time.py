@@ -110,7 +110,7 @@ class ContinuousTimeOdometry:
         motion = Motion(scan.knot_seconds - began, found.knots)
         return Registration(
             motion.at(0.0), found.covariance, found.health, found.share, motion, point_times, found.unconstrained,
-            None if unsteady is None else unsteady.later(-began), is_after_pause,
+            None if unsteady is None else unsteady.later(-began), is_after_pause, scan.later(-began),
         )  # fmt: skip
 
     def _found(self, scan: TimedPoints, side: float) -> _Found:

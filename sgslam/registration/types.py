@@ -1,18 +1,21 @@
 """What a registration returns."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sgslam.config import TrackingSettings
 from sgslam.inertial import UnsteadyTurn
 from sgslam.registration.motion_prior import moved_on, velocity_between
 from sgslam.registration.moving_points import placed
+from sgslam.registration.sampling import TimedPoints, one_a_cell
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Health = Literal["good", "degraded", "lost"]
+_SIDE = 0.1  # m between the points that are used of a scan that an external odometry registered
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +68,8 @@ class Registration:
     and the pose is then a prediction. `share` is the share of the scan's points that are on known surfaces. `motion` is
     the motion during the scan, by seconds after its stamp; `point_times` (N,) are the times that were used, None for a
     snapshot. With an IMU, `unsteady` is what it measures of the turns within the scan, by the same seconds. A scan
-    `is_after_pause` if none came for long before it, and nothing else measured how the sensor moved.
+    `is_after_pause` if none came for long before it, and nothing else measured how the sensor moved. `used` are the
+    points that were registered, by the same seconds; None where an external odometry chose them.
     """
 
     T_odom_sensor: Floats
@@ -77,11 +81,23 @@ class Registration:
     unconstrained: Floats = field(default_factory=lambda: np.empty((0, 6)))
     unsteady: UnsteadyTurn | None = None
     is_after_pause: bool = False
+    used: TimedPoints | None = None
 
     def undistorted(self, points: Floats) -> Floats:
         """Returns the points (N, 3) of the scan as the sensor would have measured them at its stamp."""
         if self.point_times is None:
             return points
         steady = points if self.unsteady is None else self.unsteady.steadied(points, self.point_times)
-        in_odom = self.motion.placed(steady, self.point_times)
+        return self._at_stamp(steady, self.point_times)
+
+    def thinned(self, points: Floats, settings: TrackingSettings) -> Floats:
+        """Returns a few of the points (N, 3) of the scan, spread evenly in space, as `undistorted` does."""
+        if self.used is not None:
+            return self._at_stamp(self.used.points, self.used.seconds)
+        own = one_a_cell(points, _SIDE, settings.min_range, settings.max_range)
+        times = None if self.point_times is None else self.point_times[own]
+        return replace(self, point_times=times).undistorted(points[own])
+
+    def _at_stamp(self, steady: Floats, seconds: Floats) -> Floats:
+        in_odom = self.motion.placed(steady, seconds)
         return np.asarray((in_odom - self.T_odom_sensor[:3, 3]) @ self.T_odom_sensor[:3, :3])

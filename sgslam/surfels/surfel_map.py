@@ -72,6 +72,11 @@ class SurfelMap(Stateful):
             memory,
         )  # fmt: skip
 
+    def add_scan(self, points: Floats, T_odom_sensor: Floats) -> None:
+        """Adds points (N, 3) in the frame of a sensor at a pose (4, 4); nothing is ever old."""
+        turned = points @ T_odom_sensor[:3, :3].T
+        self.add(turned + T_odom_sensor[:3, 3], turned / np.linalg.norm(turned, axis=1, keepdims=True), 0.0, 1.0)
+
     @property
     def arrays(self) -> Surfels:
         """The arrays themselves, not copies."""

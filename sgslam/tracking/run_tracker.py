@@ -67,6 +67,8 @@ class RunTracker:
                 raw = replace(raw, T_odom_sensor=None, step_covariance=None)  # it is registered
         steps = self._judged(self._tracker.track(raw))
         self.newest_ns = raw.stamp_ns
+        kept = self._tracker.waiting or [scan.raw for scan in self._kept] or [raw]
+        self.imu.forget(kept[0].stamp_ns)
         return steps
 
     def _located(self, raw: RawScan) -> RawScan:

@@ -16,7 +16,6 @@ from sgslam.odometry.timed import TimedOdometry
 from sgslam.perception import RawScan
 from sgslam.registration import Health, Registration
 from sgslam.serialization import Stateful
-from sgslam.tracking.level_check import LevelCheck
 from sgslam.tracking.level_frame import LevelFrame
 from sgslam.tracking.lost_sensor import LostSensor
 
@@ -26,22 +25,40 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, eq=False)
 class TrackedScan:
-    """A scan with its pose `T_odom_sensor` (4, 4) at its stamp, in a level frame; `points` (N, 3) as at that instant.
+    """A scan with its pose `T_odom_sensor` (4, 4) at its stamp, in a level frame.
 
-    `covariance` (6, 6) is that of the pose against the odometry's map, rotation first, in the sensor's axes. It is
-    `unconfirmed` in the first seconds after the sensor was lost for longer: it may be in a place that looks alike.
-    After a pause in the scans the sensor counts as lost for as long. `T_begin_sensor` (4, 4) is the motion since the
-    first point, where that is before the stamp.
+    `registration` is in the odometry's frame; its covariance is that of the pose against the odometry's map. The scan
+    is `unconfirmed` in the first seconds after the sensor was lost for longer: it may be in a place that looks alike.
+    After a pause in the scans the sensor counts as lost for as long.
     """
 
     raw: RawScan
-    points: Floats
+    registration: Registration
     T_odom_sensor: Floats
-    covariance: Floats
-    health: Health
     unconfirmed: bool = False
-    is_after_pause: bool = False
-    T_begin_sensor: Floats | None = None
+
+    @property
+    def health(self) -> Health:
+        """How the scan fits the odometry's map."""
+        return self.registration.health
+
+    @property
+    def covariance(self) -> Floats:
+        """(6, 6), rotation first, in the sensor's axes."""
+        return self.registration.covariance
+
+    @property
+    def points(self) -> Floats:
+        """(N, 3) all points, as at the stamp."""
+        return self.registration.undistorted(self.raw.points)
+
+    @property
+    def T_begin_sensor(self) -> Floats | None:  # noqa: N802
+        """(4, 4) the motion since the first point, where that is before the stamp."""
+        motion = self.registration.motion
+        if motion.seconds[0] >= 0:
+            return None
+        return inverse(motion.at(motion.seconds[0])) @ self.registration.T_odom_sensor
 
     @property
     def waits(self) -> bool:
@@ -55,17 +72,16 @@ class ScanTracker(Stateful):
     What the graph knows better, by the plan and by loops, acts as T_map_odom and never moves `odom`.
     """
 
-    _STATE = ("_waiting", "_found", "_T_level_source")
+    _STATE = ("waiting", "_found", "_T_level_source")
 
     def __init__(self, config: Config, imu: ImuBuffer, given: GivenMotion) -> None:
         """`given` has the poses of another system so far, if there is one."""
         self._config, self._imu, self._given = config, imu, given
         self._odometry = self._another()
-        self._level = LevelFrame(config.tracking, config.imu.up_error)
-        self._check = LevelCheck(config.tracking)
+        self._level = LevelFrame(config.tracking)
         self._lost = LostSensor(config.tracking, self._another)
         # until it is known where up is, and what the points' times are: scans, and their poses as of now
-        self._waiting: list[RawScan] = []
+        self.waiting: list[RawScan] = []
         self._found: list[Registration] = []
         self._T_level_source = np.eye(4)  # from the frame in which poses come
         self._odometry.level(self._level.likely_up)  # as the mount says, until the surfaces do
@@ -79,23 +95,21 @@ class ScanTracker(Stateful):
             found = self._given.newest(raw.point_times)
         if self._level.known:
             return [self._tracked(raw, found)]
-        self._waiting.append(raw)
+        self.waiting.append(raw)
         self._found = self._odometry.held if raw.T_odom_sensor is None else [*self._found, found]
-        self._level.measure(self._measured_up())
-        self._level.add(raw.stamp_ns, raw.points, self._found)
-        if self._level.found:
-            self._odometry.level(self._level.likely_up)
+        self._level.add(self.waiting, self._found, self._measured_up())
+        self._odometry.level(self._level.likely_up)
         return self.release() if self._is_settled(raw) else []
 
     def _measured_up(self) -> Floats | None:
         """(3,) up by the accelerometer in the frame of the first pose, once it shows more than the carrier's steps."""
         T_first_odom = inverse(self._found[0].T_odom_sensor)
         poses = np.stack([T_first_odom @ result.T_odom_sensor for result in self._found])
-        return measured_up(self._imu, np.array([raw.stamp_ns for raw in self._waiting]), poses)
+        return measured_up(self._imu, np.array([raw.stamp_ns for raw in self.waiting]), poses)
 
     def _is_settled(self, raw: RawScan) -> bool:
         """Whether it is known where up is and what the points' times are, or it has been too long."""
-        if self._level.waited_s(raw.stamp_ns) >= self._config.tracking.gravity_until:
+        if raw.stamp_ns - self.waiting[0].stamp_ns >= 1e9 * self._config.tracking.gravity_until:
             return True
         if raw.T_odom_sensor is None and self._odometry.kind is None:
             return False
@@ -105,11 +119,11 @@ class ScanTracker(Stateful):
         """The scans that wait; if up is not known yet, it is where the mount says."""
         if not self._level.known:
             self._found = self._odometry.release() or self._found  # the latter where poses are given
-            self._level.settle(self._found)
+            self._level.settle(self.waiting, self._found)
             self._T_level_source = self._T_level_now()
             self._odometry.level(self._T_level_source[2, :3])
-        waiting, found = self._waiting, self._found
-        self._waiting, self._found = [], []
+        waiting, found = self.waiting, self._found
+        self.waiting, self._found = [], []
         return [self._tracked(*scan) for scan in zip(waiting, found, strict=True)]
 
     @property
@@ -125,7 +139,7 @@ class ScanTracker(Stateful):
     @property
     def newest(self) -> Floats | None:
         """(4, 4) T_odom_sensor of the newest scan that waits, as far as known; None if none does."""
-        return self._T_level_now() @ self._found[-1].T_odom_sensor if self._waiting else None
+        return self._T_level_now() @ self._found[-1].T_odom_sensor if self.waiting else None
 
     def times_of(self, points: Floats, point_times: Floats | None) -> Floats | None:
         """(N,) the times of a scan's points (N, 3), told or not, by what is known now; None for a snapshot."""
@@ -138,15 +152,7 @@ class ScanTracker(Stateful):
         return self._level.T_level_first @ inverse(self._found[0].T_odom_sensor)
 
     def _tracked(self, raw: RawScan, found: Registration) -> TrackedScan:
-        T_odom_sensor = self._T_level_source @ found.T_odom_sensor
-        points = found.undistorted(raw.points)
-        if found.health != "lost":
-            self._check.add(raw.stamp_ns, points, T_odom_sensor)
-        began, motion = found.motion.seconds[0], found.motion
-        return TrackedScan(
-            raw, points, T_odom_sensor, found.covariance, found.health, is_after_pause=found.is_after_pause,
-            T_begin_sensor=inverse(motion.at(began)) @ found.T_odom_sensor if began < 0 else None,
-        )  # fmt: skip
+        return TrackedScan(raw, found, self._T_level_source @ found.T_odom_sensor)
 
     def judged(self, scan: TrackedScan) -> tuple[TrackedScan, int | None]:
         """The scan, marked as unconfirmed where the sensor was lost for longer and found again not long ago, and the
@@ -155,8 +161,8 @@ class ScanTracker(Stateful):
         if raw.T_odom_sensor is not None:  # which says where the sensor is
             return scan, None
         if scan.health == "lost":
-            return scan, self._lost.lose(raw, scan.is_after_pause, self._odometry)
-        unconfirmed, since_ns = self._lost.see(raw.stamp_ns, scan.is_after_pause)
+            return scan, self._lost.lose(raw, scan.registration.is_after_pause, self._odometry)
+        unconfirmed, since_ns = self._lost.see(raw.stamp_ns, scan.registration.is_after_pause)
         return replace(scan, unconfirmed=unconfirmed), since_ns
 
     def _another(self) -> TimedOdometry:
@@ -172,14 +178,15 @@ class ScanTracker(Stateful):
     def state(self) -> dict[str, Any]:
         """See `Stateful`; with the state of its parts."""
         return {
-            **super().state(), "odometry": self._odometry.state(), "level": self._level.state(),
-            "check": self._check.state(), "lost": self._lost.state(),
-        }  # fmt: skip
+            **super().state(),
+            "odometry": self._odometry.state(),
+            "level": self._level.state(),
+            "lost": self._lost.state(),
+        }
 
     def restore(self, state: dict[str, Any]) -> None:
         """See `Stateful`."""
         super().restore(state)
         self._odometry.restore(state["odometry"])
         self._level.restore(state["level"])
-        self._check.restore(state["check"])
         self._lost.restore(state["lost"])
