@@ -67,7 +67,7 @@ class RunTracker:
                 raw = replace(raw, T_odom_sensor=None, step_covariance=None)  # it is registered
         steps = self._judged(self._tracker.track(raw))
         self.newest_ns = raw.stamp_ns
-        kept = self._tracker.waiting or [scan.raw for scan in self._kept] or [raw]
+        kept = self._tracker.waiting or [scan.raw for scan in self._held] or [raw]
         self.imu.forget(kept[0].stamp_ns)
         return steps
 
