@@ -1,5 +1,6 @@
 """Tracks all scans of a run, and starts again where the sensor was carried elsewhere. It knows nothing of the map."""
 
+import logging
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
@@ -18,6 +19,7 @@ from sgslam.tracking.clock_offset import ClockOffset
 from sgslam.tracking.scan_tracker import ScanTracker, TrackedScan
 
 Floats = NDArray[np.float64]
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -46,14 +48,15 @@ class RunTracker:
         self._clock = ClockOffset()
         self.newest_ns: int | None = None
         self._tracker = ScanTracker(config, self.imu, self._given)
-        self._kept: list[TrackedScan] = []  # the newest scans, while they are lost or unconfirmed
+        self._held: list[TrackedScan] = []  # the newest scans, while they are lost or unconfirmed
         self._advice: list[str] = []  # of the trackers before
 
     def track(
         self, stamp_ns: int, points: NDArray[np.floating[Any]], point_times: Floats | None = None,
         T_odom_sensor: Floats | None = None, step_covariance: Floats | None = None,
     ) -> list[TrackingStep]:  # fmt: skip
-        """The steps that a scan settles: none in the first seconds, until it is known where up is, then all at once.
+        """The steps that a scan settles: none in the first seconds, until it is known where up is, and none while the
+        sensor is lost or unconfirmed, then all at once.
 
         The arguments and what is raised are those of `SceneGraphSlam.add_scan`.
         """
@@ -64,7 +67,7 @@ class RunTracker:
                 raw = replace(raw, T_odom_sensor=None, step_covariance=None)  # it is registered
         steps = self._judged(self._tracker.track(raw))
         self.newest_ns = raw.stamp_ns
-        kept = self._tracker.waiting or [scan.raw for scan in self._kept] or [raw]
+        kept = self._tracker.waiting or [scan.raw for scan in self._held] or [raw]
         self.imu.forget(kept[0].stamp_ns)
         return steps
 
@@ -87,11 +90,25 @@ class RunTracker:
         return replace(raw, T_odom_sensor=pose)
 
     def release(self) -> list[TrackingStep]:
-        """The steps of all scans that wait."""
+        """The steps of all scans that wait or are held back."""
         steps: list[TrackingStep] = []
         while self.newest_ns is not None and (waiting := self._tracker.release()):
             steps += self._judged(waiting)
-        return steps
+        return [*steps, *self._released()]
+
+    def _released(self) -> list[TrackedScan]:
+        """The scans that were held back, the lost ones at their predicted poses: it is sure by now where the sensor is,
+        or the run ends."""
+        held, self._held = self._held, []
+        lost = [scan.raw.stamp_ns / 1e9 for scan in held if scan.health == "lost"]
+        if lost:
+            _log.warning("scans at %.2f to %.2f s are lost: %d poses are predicted", lost[0], lost[-1], len(lost))
+        return held
+
+    @property
+    def held(self) -> TrackedScan | None:
+        """The newest scan, while it is held back as the sensor is lost, or was so long ago that it may be elsewhere."""
+        return self._held[-1] if self._held else None
 
     def add_imu(self, stamp_ns: int | NDArray[np.int64], gyro: Floats, accel: Floats) -> None:
         """See `SceneGraphSlam.add_imu`."""
@@ -136,9 +153,10 @@ class RunTracker:
             scan, since_ns = self._tracker.judged(found)
             if since_ns is not None:
                 return [*steps, *self._begin_elsewhere(since_ns, tracked[number:])]
-            self._kept = [*self._kept, scan] if scan.waits else []
             self._compare_clocks(scan)
-            steps.append(scan)
+            self._held.append(scan)
+            if not scan.waits:
+                steps += self._released()
         return steps
 
     def _compare_clocks(self, scan: TrackedScan) -> None:
@@ -151,11 +169,12 @@ class RunTracker:
 
     def _begin_elsewhere(self, since_ns: int, newest: list[TrackedScan]) -> list[TrackingStep]:
         """Tracks the scans since the sensor was carried elsewhere, and the `newest` ones, from the beginning."""
-        again = [scan.raw for scan in (*self._kept, *newest) if scan.raw.stamp_ns >= since_ns]
+        again = [scan.raw for scan in (*self._held, *newest) if scan.raw.stamp_ns >= since_ns]
+        self._held = [scan for scan in self._held if scan.raw.stamp_ns < since_ns]  # they stay with the map before
+        steps: list[TrackingStep] = [*self._released(), CarriedElsewhere(since_ns)]
         self._advice = [*self._advice, *([line] if (line := self._tracker.advice) else [])]
-        self._tracker, self._kept = ScanTracker(self._config, self.imu, self._given), []
+        self._tracker = ScanTracker(self._config, self.imu, self._given)
         self._clock.lose()
-        steps: list[TrackingStep] = [CarriedElsewhere(since_ns)]
         for raw in again:
             steps += self._judged(self._tracker.track(raw))
         return steps
@@ -163,7 +182,7 @@ class RunTracker:
     def state(self) -> dict[str, Any]:
         """The complete state as a tree (see `state_tree`); not a copy."""
         return {
-            "newest_ns": self.newest_ns, "kept": self._kept, "advice": self._advice, "imu": self.imu.state(),
+            "newest_ns": self.newest_ns, "held": self._held, "advice": self._advice, "imu": self.imu.state(),
             "tracker": self._tracker.state(), "clock": self._clock.state(), "given": self._given.state(),
             "odometry": None if self._odometry is None else self._odometry.state(), "posed": self._come_with_poses,
         }  # fmt: skip
@@ -178,4 +197,4 @@ class RunTracker:
         self._tracker = ScanTracker(self._config, self.imu, self._given)
         self._tracker.restore(state["tracker"])
         self._clock.restore(state["clock"])
-        self.newest_ns, self._kept, self._advice = state["newest_ns"], state["kept"], state["advice"]
+        self.newest_ns, self._held, self._advice = state["newest_ns"], state["held"], state["advice"]
