@@ -10,9 +10,11 @@ from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.geometry.normal_equations import eigen
 from sgslam.inertial import UnsteadyTurn
+from sgslam.registration.points import UNKNOWN
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Ints32 = NDArray[np.int32]
 _FIRST_SIDE, _FINEST_SIDE = 0.03, 0.05  # m between the points that are used: in the first scan, and least
 _PATCH = 0.25  # m, of the cells whose points show the normal of a scan's surface
 _LEAST = 8  # points of such a cell
@@ -27,35 +29,27 @@ class TimedPoints:
 
     Their first three columns are places, the others normals of the scan's surfaces there; zero where it shows none.
 
-    `knot_seconds` (K,) divide the scan into pieces of steady motion; one knot for a snapshot.
+    `knot_seconds` (K,) divide the scan into pieces of steady motion; one knot for a snapshot. `plane_of` (N,) are the
+    surfels of the local map that the points lie on, as far as known.
     """
 
     points: Floats
     seconds: Floats
     knot_seconds: Floats
+    plane_of: Ints32
 
     def later(self, seconds: float) -> "TimedPoints":
         """The same points, measured so many seconds later."""
-        return TimedPoints(self.points, self.seconds + seconds, self.knot_seconds + seconds)
+        return TimedPoints(self.points, self.seconds + seconds, self.knot_seconds + seconds, self.plane_of)
 
     def reversed(self) -> "TimedPoints":
         """The same points, as time runs backwards."""
-        return TimedPoints(self.points, -self.seconds, -self.knot_seconds[::-1])
+        return TimedPoints(self.points, -self.seconds, -self.knot_seconds[::-1], self.plane_of)
 
     def steadied(self, turn: UnsteadyTurn) -> "TimedPoints":
         """The same points, of a sensor that turns steadily between the knots."""
         parts = [turn.steadied(own, self.seconds) for own in np.hsplit(self.points, 2)]
-        return TimedPoints(np.hstack(parts), self.seconds, self.knot_seconds)
-
-    def between(self, first: int) -> tuple[Ints, Floats]:
-        """The knot (N,) before each point, the scan's first one being number `first`, and the share (N,) of the way
-        to the next one."""
-        if len(self.knot_seconds) == 1:
-            return np.full(len(self.points), first), np.zeros(len(self.points))
-        begin, pieces = self.knot_seconds[0], len(self.knot_seconds) - 1
-        at = (self.seconds - begin) * pieces / (self.knot_seconds[-1] - begin)
-        knot = np.clip(at.astype(np.int64), 0, pieces - 1)
-        return knot + first, at - knot
+        return TimedPoints(np.hstack(parts), self.seconds, self.knot_seconds, self.plane_of)
 
 
 def thinned(
@@ -68,16 +62,17 @@ def thinned(
     side = side or _FIRST_SIDE
     own = one_a_cell(points, side, settings.min_range, settings.max_range)
     chosen = np.hstack([points.take(own, axis=0), normals_at(points, own, _PATCH)])
+    unknown = np.full(len(own), UNKNOWN, np.int32)
     if len(own) > 1.25 * settings.points:
         side *= 1.1
     elif len(own) < 0.8 * settings.points:
         side = max(side / 1.1, _FINEST_SIDE)
     if point_times is None or np.ptp(point_times) < _SHORTEST:
         at = began if point_times is None else began + float(np.mean(point_times))
-        return TimedPoints(chosen, np.full(len(own), at), np.array([at])), side
+        return TimedPoints(chosen, np.full(len(own), at), np.array([at]), unknown), side
     low, high = began + float(point_times.min()), began + float(point_times.max())
     pieces = math.ceil((high - low) / settings.knot_interval - 1e-3)
-    return TimedPoints(chosen, began + point_times[own], np.linspace(low, high, pieces + 1)), side
+    return TimedPoints(chosen, began + point_times[own], np.linspace(low, high, pieces + 1), unknown), side
 
 
 @compiled
