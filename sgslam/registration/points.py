@@ -10,7 +10,7 @@ from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.geometry.rotations import rotated_by, turn_between
 from sgslam.surfels import Surfels
-from sgslam.surfels.planes import ACROSS, VALID, add_normal_variance, misfit, off_plane, variance_at
+from sgslam.surfels.planes import ACROSS, VALID, add_normal_variance, is_within, misfit, off_plane, variance_at
 from sgslam.surfels.search import nearest_plane
 
 Floats = NDArray[np.float64]
@@ -115,7 +115,7 @@ def point_equations(
     and columns of H, and of g; rotation first, both in axes of `odom`.
 
     Points (N, 6), with the normals that the scan shows, are measured at `seconds` (N,). Planes `plane_of` (N,) that are
-    unknown, or no longer there, are looked for, where a point's place is known to an `error` (m).
+    unknown, or on which a point is no more, are looked for, where a point's place is known to an `error` (m).
 
     A point counts by the variance of its distance from its plane and by the plane's, times the weight of Geman and
     McClure, where the scatter of all points on the same plane counts as a residual: a wall's points near a known floor
@@ -139,12 +139,13 @@ def point_equations(
         a = _share(seconds[p], at, k)
         ray, sensor = _turned_at(points, p, k, a, knots, turns)
         x, y, z = sensor[0] + ray[0], sensor[1] + ray[1], sensor[2] + ray[2]
-        if plane_of[p] == UNKNOWN or planes[plane_of[p], VALID] == 0.0:
-            normal = _turned(knots, k, points[p, 3], points[p, 4], points[p, 5])
-            plane_of[p] = nearest_plane((x, y, z), sensor, normal, weights.gate, error, surfels, oldest)
-            if plane_of[p] == 0:
-                continue
         s = plane_of[p]
+        if s == UNKNOWN or planes[s, VALID] == 0.0 or not is_within(x, y, z, planes, s, error):
+            normal = _turned(knots, k, points[p, 3], points[p, 4], points[p, 5])
+            s = nearest_plane((x, y, z), sensor, normal, weights.gate, error, surfels, oldest)
+            plane_of[p] = s
+            if s == 0:
+                continue
         knot[used], share[used], plane[used] = k, a, s
         way[used, 0], way[used, 1], way[used, 2] = ray
         off[used], spread[used] = off_plane(x, y, z, planes, s), variance_at(x, y, z, planes, s)

@@ -29,6 +29,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Ints32 = NDArray[np.int32]
 
+_STRAYED = 5e-3  # m and rad: after a smaller step, fewer than one point in a hundred is on another plane
 _SETTLED = 4.0  # times the convergence: after a smaller step, fewer than one point in a hundred is on another plane
 _GAP = 0.02  # of a scan's duration: a shorter pause after the scan before is none; a quick hand turns by 0.4 degrees
 
@@ -162,7 +163,7 @@ def solve(window: Window, predicted: Floats, first_kernel: float, iterations: in
     point's place counts as known to the difference. See `_solve`.
     """
     knots, n = predicted.copy(), 6 * len(predicted)
-    plane_of = np.where(window.plane_of == 0, UNKNOWN, window.plane_of)  # the map has grown since
+    plane_of = window.plane_of.copy()
     H, measured = np.empty((n, n)), np.empty((n, n))
     count, moved_by, residual, found, close = _solve(window, knots, plane_of, first_kernel, iterations, H, measured)
     return Solved(
@@ -193,7 +194,7 @@ def _solve(
             if moved[s] <= (weights.convergence if is_newest else _SETTLED * weights.convergence):
                 continue
             own, first = slice(window.begins[s], window.begins[s + 1]), window.firsts[s]
-            if (is_newest and error > 0) or strayed[s] > _SETTLED * weights.convergence:
+            if strayed[s] > _STRAYED:
                 plane_of[own] = UNKNOWN
                 strayed[s] = 0.0
             knots_of = slice(first, first + window.counts[s])

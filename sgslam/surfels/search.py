@@ -84,7 +84,7 @@ def nearest_plane(
             if chosen == 0 or distance < _FITS * math.sqrt(lowest):
                 break
             axis = look - levels
-            within = (point[axis] + SHIFT) % side
+            within = (point[axis] + SHIFT) - side * math.floor((point[axis] + SHIFT) / side)
             if _BEYOND < within < side - _BEYOND:
                 continue
             step = -side if within < _BEYOND else side
