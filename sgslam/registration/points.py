@@ -57,6 +57,29 @@ def placed(points: Floats, seconds: Floats, at: Floats, knots: Floats) -> tuple[
 
 
 @compiled
+def undistorted(points: Floats, seconds: Floats, at: Floats, knots: Floats, T: Floats) -> Floats:
+    """Points (N, 3), measured at `seconds` (N,) by a sensor with knots as in `placed`, as seen from a pose T (4, 4).
+
+    Points measured at once share their pose.
+    """
+    turns, found, k, M, o = turns_between(knots), np.empty((len(points), 3)), 0, np.empty((3, 3)), np.empty(3)
+    axes, last = np.eye(3), np.nan
+    for p in range(len(points)):
+        if seconds[p] != last:
+            last = seconds[p]
+            k = knot_before(last, at, k)
+            for j in range(3):
+                turned, sensor = _turned_at(axes, j, k, _share(last, at, k), knots, turns)
+                for i in range(3):
+                    M[i, j] = T[0, i] * turned[0] + T[1, i] * turned[1] + T[2, i] * turned[2]
+                x, y, z = sensor[0] - T[0, 3], sensor[1] - T[1, 3], sensor[2] - T[2, 3]
+                o[j] = T[0, j] * x + T[1, j] * y + T[2, j] * z
+        for i in range(3):
+            found[p, i] = M[i, 0] * points[p, 0] + M[i, 1] * points[p, 1] + M[i, 2] * points[p, 2] + o[i]
+    return found
+
+
+@compiled
 def turns_between(knots: Floats) -> Floats:
     """(K, 3) the rotation vectors from each of the poses (K, 4, 4) to the next one."""
     turns = np.zeros((len(knots), 3))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from sgslam.inertial import UnsteadyTurn
 from sgslam.registration.motion_prior import moved_on, velocity_between
-from sgslam.registration.points import placed
+from sgslam.registration.points import placed, undistorted
 
 Floats = NDArray[np.float64]
 Health = Literal["good", "degraded", "lost"]
@@ -70,5 +70,4 @@ class Registration:
         if self.point_times is None:
             return points
         steady = points if self.unsteady is None else self.unsteady.steadied(points, self.point_times)
-        in_odom = self.motion.placed(steady, self.point_times)
-        return np.asarray((in_odom - self.T_odom_sensor[:3, 3]) @ self.T_odom_sensor[:3, :3])
+        return undistorted(steady, self.point_times, self.motion.seconds, self.motion.knots, self.T_odom_sensor)

@@ -1,7 +1,5 @@
 """The hash table of a surfel map: blocks of one cubic metre, each with its cells of three grids."""
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,14 +13,14 @@ _FINEST = 4.0  # cells of the finest grid in a metre
 SHIFT = 0.11  # m, of the cells: walls at round distances from where a run begins are not on their borders
 CELLS = 73  # of a block: one of the coarsest grid, then 8, then 64
 _BITS = 21  # of a cell's index along one axis
-_HALF = 1 << (_BITS - 1)  # cells, so that no index is negative
+_HALF = 2.0 ** (_BITS - 1)  # cells, so that no index is negative
 
 
 @compiled
 def cell_of(x: float, y: float, z: float) -> tuple[int, int, int]:
     """The indices of the cell of the finest grid that holds a point (m); none is negative."""
-    i, j, k = math.floor((x + SHIFT) * _FINEST), math.floor((y + SHIFT) * _FINEST), math.floor((z + SHIFT) * _FINEST)
-    return i + _HALF, j + _HALF, k + _HALF
+    half = _HALF + SHIFT * _FINEST
+    return int(x * _FINEST + half), int(y * _FINEST + half), int(z * _FINEST + half)
 
 
 @compiled
