@@ -17,6 +17,7 @@ Floats = NDArray[np.float64]
 Ints32 = NDArray[np.int32]
 Vector = tuple[float, float, float]
 
+STRAYED = 5e-3  # m and rad: where knots move by less, fewer than one point in a hundred is on another plane
 UNKNOWN = -1  # the plane of a point that was not looked for; 0 is none
 KERNEL = 5.0  # times the median residual
 _SIGMA = 6.0  # times the median residual, a point's sigma: an a-posteriori variance factor, as neighbours share errors

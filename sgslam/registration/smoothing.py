@@ -17,7 +17,7 @@ from sgslam.config import TrackingSettings
 from sgslam.registration.beliefs import MotionModel
 from sgslam.registration.degeneracy import project_out_feigned
 from sgslam.registration.motion_prior import add_height, add_velocities
-from sgslam.registration.points import KERNEL, UNKNOWN, Weights, point_equations
+from sgslam.registration.points import KERNEL, STRAYED, UNKNOWN, Weights, point_equations
 from sgslam.registration.sampling import TimedPoints
 from sgslam.registration.types import Motion
 from sgslam.registration.window import MotionPrior, update_knots, window_knots
@@ -31,7 +31,6 @@ _ITERATIONS = 4  # to each map
 _TURNS = 7  # in which scans are added to a map: a surfel that is full has seen all times
 _BAND = 18  # knots are coupled to the next two
 _LEAST = 1e-6  # information about each direction of a knot that nothing measures
-_SETTLED = 2e-3  # m and rad: a scan that moves less keeps its points' planes
 _UNKNOWN = 1.0  # m2, variance of the height of a scan that shows nothing level
 
 
@@ -56,7 +55,7 @@ class _Seen:
         error = self.kernel - weights.kernel
         if error == 0 and self.moved < weights.convergence:
             return
-        if error > 0 or self.strayed > _SETTLED:
+        if self.strayed > STRAYED:
             self.plane_of[:], self.strayed = UNKNOWN, 0.0
         points = scan.points.astype(np.float64)
         residual, _, _ = point_equations(

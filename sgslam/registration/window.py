@@ -22,15 +22,14 @@ from sgslam.registration.motion_prior import (
     add_velocities,
     velocity_between,
 )
-from sgslam.registration.points import KERNEL, UNKNOWN, Weights, point_equations
+from sgslam.registration.points import KERNEL, STRAYED, UNKNOWN, Weights, point_equations
 from sgslam.surfels import Surfels
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Ints32 = NDArray[np.int32]
 
-_STRAYED = 5e-3  # m and rad: after a smaller step, fewer than one point in a hundred is on another plane
-_SETTLED = 4.0  # times the convergence: after a smaller step, fewer than one point in a hundred is on another plane
+_SETTLED = 2e-3  # m and rad, by which the knots of an older scan move until its equations are made again
 _GAP = 0.02  # of a scan's duration: a shorter pause after the scan before is none; a quick hand turns by 0.4 degrees
 
 
@@ -191,10 +190,10 @@ def _solve(
         count += 1
         for s in range(scans):
             is_newest = s == scans - 1
-            if moved[s] <= (weights.convergence if is_newest else _SETTLED * weights.convergence):
+            if moved[s] <= (weights.convergence if is_newest else _SETTLED):
                 continue
             own, first = slice(window.begins[s], window.begins[s + 1]), window.firsts[s]
-            if strayed[s] > _STRAYED:
+            if strayed[s] > STRAYED:
                 plane_of[own] = UNKNOWN
                 strayed[s] = 0.0
             knots_of = slice(first, first + window.counts[s])

@@ -6,7 +6,6 @@ from numpy.typing import NDArray
 from data.common.compiled import compiled
 
 Ints = NDArray[np.int64]
-Ints32 = NDArray[np.int32]
 
 SIDES = (1.0, 0.5, 0.25)  # m, of the cells
 _FINEST = 4.0  # cells of the finest grid in a metre

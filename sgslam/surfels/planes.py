@@ -8,7 +8,6 @@ from sgslam.geometry.normal_equations import principal_axes
 
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
-Ints32 = NDArray[np.int32]
 
 _LEAST = 6  # points that a plane needs
 _GROWN = 4 / 3  # times its points at the last fit: so many change a plane enough to fit it again
