@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 from sgslam.config import TrackingSettings
 from sgslam.inertial import UnsteadyTurn
 from sgslam.registration.motion_prior import moved_on, velocity_between
-from sgslam.registration.moving_points import placed
+from sgslam.registration.points import placed, undistorted
 from sgslam.registration.sampling import TimedPoints, one_a_cell
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Health = Literal["good", "degraded", "lost"]
 _SIDE = 0.1  # m between the points that are used of a scan that an external odometry registered
 
@@ -37,25 +36,13 @@ class Motion:
         seconds = self.seconds[knot + 1] - self.seconds[knot]
         return np.asarray(velocity_between(self.knots[knot], self.knots[knot + 1], seconds))
 
-    def between(self, seconds: Floats) -> tuple[Ints, Floats]:
-        """The knot (N,) before each of `seconds` (N,), and the share (N,) of the way to the next one."""
-        if len(self.knots) == 1:
-            return np.zeros(len(seconds), np.int64), np.zeros(len(seconds))
-        k = np.clip(np.searchsorted(self.seconds, seconds, side="right") - 1, 0, len(self.knots) - 2)
-        return k, (seconds - self.seconds[k]) / (self.seconds[k + 1] - self.seconds[k])
-
     def placed(self, points: Floats, seconds: Floats) -> Floats:
         """Points (N, 3), measured at `seconds` (N,), in `odom`."""
-        knot, share = self.between(seconds)
-        return np.asarray(placed(points, knot, share, self.knots))
+        return self.seen(points, seconds)[0]
 
-    def rays(self, placed: Floats, seconds: Floats) -> Floats:
-        """(N, 3) the unit rays in `odom` to points (N, 3) that were measured at `seconds` (N,)."""
-        knot, share = self.between(seconds)
-        begin = self.knots[knot, :3, 3]
-        step = self.knots[np.minimum(knot + 1, len(self.knots) - 1), :3, 3] - begin
-        rays = placed - begin - share[:, None] * step
-        return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+    def seen(self, points: Floats, seconds: Floats) -> tuple[Floats, Floats]:
+        """Points (N, 3), measured at `seconds` (N,), and the unit rays (N, 3) to them, in `odom`."""
+        return placed(points, seconds, self.seconds, self.knots)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,5 +86,4 @@ class Registration:
         return replace(self, point_times=times).undistorted(points[own])
 
     def _at_stamp(self, steady: Floats, seconds: Floats) -> Floats:
-        in_odom = self.motion.placed(steady, seconds)
-        return np.asarray((in_odom - self.T_odom_sensor[:3, 3]) @ self.T_odom_sensor[:3, :3])
+        return undistorted(steady, seconds, self.motion.seconds, self.motion.knots, self.T_odom_sensor)
