@@ -30,7 +30,6 @@ from evaluation.metrics.trajectories import origin_alignment
 from evaluation.metrics.true_matches import true_matches
 from evaluation.outcome import NO_POSES, Outcome
 from evaluation.peers.icp_to_bim import register_to_bim, surfaces_of
-from evaluation.peers.odometries import kiss_icp_alone
 from evaluation.stand_ins import OracleMatcher, weakened, within_range
 from evaluation.study import Options, Record, Study
 from evaluation.tables import in_words
@@ -93,7 +92,7 @@ def _system(case: DriveCase, variant: Variant, drive: Drive, sent: Troubled, wor
     odometry = _odometry(case, variant, sent)
 
     def scans() -> Iterator[Scan]:
-        return within_range(sent.scans()) if variant.odometry == "weakened" else sent.scans()
+        return within_range(sent.scans()) if variant.weakened else sent.scans()
 
     samples = drive.samples if variant.imu else None
     slam = SceneGraphSlam(plan, matcher, config, storey=storey)
@@ -156,11 +155,9 @@ def _matcher(variant: Variant, plan: SceneGraph, truth: Trajectory) -> AnyMatche
 
 
 def _odometry(case: DriveCase, variant: Variant, sent: Troubled) -> ExternalOdometry | None:
-    if variant.odometry == "external":
-        return ExternalOdometry(kiss_icp_alone(sent.scans()))
-    if variant.odometry == "weakened":
-        return ExternalOdometry(weakened(tracked(sent.scans()).poses, sent.truth, case.seed))
-    return None
+    if not variant.weakened:
+        return None
+    return ExternalOdometry(weakened(tracked(sent.scans()).poses, sent.truth, case.seed))
 
 
 def _live(updates: list[Update]) -> Trajectory:

@@ -2,26 +2,27 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 from data.common.errors import UserError
 from data.imu import ImuSamples
 from data.scans import Scan
 from data.trajectory import Trajectory
-from evaluation.peers.odometries import genz_lio_alone, kiss_icp_alone, rko_lio_alone, small_gicp_alone
+from evaluation.peers.lidar_inertial import genz_lio_alone, rko_lio_alone
+from evaluation.peers.odometries import kiss_icp_alone, small_gicp_alone
 
 
 @dataclass(frozen=True)
 class Variant:
     """The system with a `plan` or without, a `matcher` (a method of `Matcher.load`, or `oracle`), and settings that
-    differ from the defaults; with a second pass, with the samples of the IMU, and with an `odometry` of others:
-    KISS-ICP's poses as they are, or its own made worse, with a short range of the sensor."""
+    differ from the defaults; with a second pass, with the samples of the IMU, and `weakened`: with poses of its own
+    odometry, made worse, as given ones, and with a short range of the sensor."""
 
     plan: bool = True
     matcher: str = ""
     second_pass: bool = True
     imu: bool = False
-    odometry: Literal["", "external", "weakened"] = ""
+    weakened: bool = False
     settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
@@ -38,10 +39,9 @@ SYSTEM: dict[str, Variant] = {
     "with IMU": Variant(imu=True),
     "KISS-ICP inside": Variant(settings={"odometry": {"method": "kiss"}}),
     "small_gicp inside": Variant(settings={"odometry": {"method": "small_gicp"}}),
-    "KISS-ICP given": Variant(odometry="external"),
-    "weakened": Variant(odometry="weakened"),
-    "weakened, voting": Variant(odometry="weakened", matcher="voting"),
-    "weakened, unanchored": Variant(odometry="weakened", plan=False),
+    "weakened": Variant(weakened=True),
+    "weakened, voting": Variant(weakened=True, matcher="voting"),
+    "weakened, unanchored": Variant(weakened=True, plan=False),
 }
 TRACKERS = ("tracking", "tracking with IMU")  # ours, as a run without a plan uses it
 Track = Callable[[Iterable[Scan], ImuSamples | None], Trajectory]

@@ -75,7 +75,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--scan-dir", type=Path, metavar="DIR",
         help="scans: a folder or a bag (docs/own_sensor.md); required without --demo or --resume")  # fmt: skip
     add_options(parser)
-    names = "continuous_time (default), kiss, small_gicp, rko_lio or genz_lio (both with --imu)"
+    names = "continuous_time (default), kiss or small_gicp"
     add("--odometry", metavar="NAME|FILE", help=f"{names}, or a TUM file with poses")
     add("--imu", type=Path, metavar="FILE", help="IMU samples: a bag, or CSV in the format of EuRoC")
     add("--imu-topic", metavar="NAME", help="topic of the IMU, if the bag of --imu has several")

@@ -31,19 +31,19 @@ from sgslam.tracking import CarriedElsewhere, RunTracker, TrackedScan, TrackingS
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
-_WAY_UP = "the scans do not show for sure whether the sensor was upside down; if it was, give --mount 180,0,0"
+_WAY_UP = "it is assumed that the sensor was not upside down; if it was, give --mount 180,0,0"
 
 
 class SceneGraphSlam:
     """SLAM with an S-graph, anchored to a building's A-graph if one is given.
 
     `bim` is the result of `load_bim`, or an A-graph in the BIM frame, without the model's elements; `matcher` is any
-    object with `.match(s, a)`; `odometry` is any `Odometry` (default: the one in the settings, by default our own in
-    continuous time); `clouds` stores the keyframes' points (default: an anonymous temporary file). `prior` is the map
-    of earlier runs: the run is relocalised in it, wherever it starts, and merged into it at the end; all results are
-    then in that map's frame. `storey` is the name or id of the A-graph's floor on which the run begins; raises
-    UserError if it does not exist. `stopwatch` measures the time of each stage. Scans must be added in the order of
-    their stamps.
+    object with `.match(s, a)`; `odometry` is any `Odometry`, whose poses are given ones (default: that of the settings,
+    by default our own registration in continuous time); `clouds` stores the keyframes' points (default: an anonymous
+    temporary file). `prior` is the map of earlier runs: the run is relocalised in it, wherever it starts, and merged
+    into it at the end; all results are then in that map's frame. `storey` is the name or id of the A-graph's floor on
+    which the run begins; raises UserError if it does not exist. `stopwatch` measures the time of each stage. Scans must
+    be added in the order of their stamps.
     """
 
     def __init__(
@@ -60,7 +60,6 @@ class SceneGraphSlam:
         self._session = Session(config, a_graph, matcher, prior, storey)
         self._map = self._session.begin(clouds, self._stopwatch)
         self._steps: list[TrackingStep] = []  # that are not in the map yet
-        self._kept: list[TrackedScan] = []  # the newest scans, while they are lost or unconfirmed
         self._advice: list[str] = []  # of a tracker elsewhere
 
     def add_scan(
@@ -75,7 +74,7 @@ class SceneGraphSlam:
         be a point cloud of Open3D.
 
         `point_times` (N,) are the seconds after the stamp at which the points were measured; without them the setting
-        `tracking.point_times` counts. `T_odom_sensor` (4, 4), if given, replaces the odometry for this scan, or
+        `tracking.point_times` counts. `T_odom_sensor` (4, 4), if given, replaces registration of this scan, or
         is an additional measurement for it, depending on the setting `odometry.given`: one that replaces must be given
         for all scans or for none, measured ones may be given for some. `step_covariance` (6, 6) is that of its motion
         since the previous scan, rotation (rad) first, in the sensor's axes (default: from the settings).
@@ -95,7 +94,7 @@ class SceneGraphSlam:
 
     def add_tracked(self, step: TrackingStep, advice: Sequence[str] = ()) -> None:
         """Adds a scan that a `RunTracker` elsewhere has tracked, instead of `add_scan`: all of a run's steps, in their
-        order, give the same map. `advice` is the tracker's so far; a scan's raw points are not used."""
+        order, give the same map. `advice` is the tracker's so far."""
         self._advice = list(advice)
         self._take(step)
 
@@ -123,11 +122,10 @@ class SceneGraphSlam:
     def _take(self, step: TrackingStep) -> None:
         """Adds a tracked scan to the map, or begins a new map where the sensor was carried elsewhere."""
         if isinstance(step, CarriedElsewhere):
-            self._begin_elsewhere(step.since_ns)
-        elif step.waits:
-            self._kept.append(step)
+            told = "the sensor was carried elsewhere, or was lost; a new map begins"
+            _log.warning("scan at %.2f s: %s", step.since_ns / 1e9, told)
+            self._map = self._session.split(self._map)
         else:
-            self._add_kept()
             self._add(step)
 
     def _add(self, scan: TrackedScan) -> None:
@@ -138,30 +136,11 @@ class SceneGraphSlam:
             if current.has_grown:
                 current.update()  # matches and anchors, optimises, closes loops, segments rooms
 
-    def _add_kept(self) -> None:
-        """Adds the scans that were lost, at their predicted poses, and those after them: it is sure by now where the
-        sensor is, or the run ends."""
-        lost = [scan for scan in self._kept if scan.health == "lost"]
-        if lost:
-            first, last = (scan.raw.stamp_ns / 1e9 for scan in (lost[0], lost[-1]))
-            _log.warning("scans at %.2f to %.2f s are lost: %d poses are predicted", first, last, len(lost))
-        while self._kept:
-            self._add(self._kept.pop(0))
-
-    def _begin_elsewhere(self, since_ns: int) -> None:
-        """Begins a new map with the scans since the sensor was carried elsewhere. Scans that were lost before them,
-        under a cover for instance, stay with the map."""
-        self._kept = [scan for scan in self._kept if scan.raw.stamp_ns < since_ns]
-        self._add_kept()
-        told = "the sensor was carried elsewhere, or was lost; a new map begins"
-        _log.warning("scan at %.2f s: %s", since_ns / 1e9, told)
-        self._map = self._session.split(self._map)
-
     def _update(self, stamp_ns: int) -> Update:
         waiting, T_bim_map = self._tracking.waiting, self.T_bim_map
         health: Health | None = None
-        if self._kept:
-            T_map_sensor, health = self._map.T_map_odom @ self._kept[-1].T_odom_sensor, "lost"
+        if (held := self._tracking.held) is not None:
+            T_map_sensor, health = self._map.T_map_odom @ held.T_odom_sensor, "lost"
         elif waiting is None:
             T_map_sensor, health = self._map.scans[-1].T_map_sensor, self._map.scans[-1].health
         else:
@@ -174,7 +153,6 @@ class SceneGraphSlam:
         """Adds all scans that wait."""
         self._steps += self._tracking.release()
         self._take_steps()
-        self._add_kept()
 
     def finish(self, scans: Iterable[Scan] | None = None) -> Result:
         """Matches and optimises a last time, and returns the result. Raises UserError if no scan was added.
@@ -242,9 +220,8 @@ class SceneGraphSlam:
             return np.full(6, np.nan)
         newest, T_bim_map = current.scans[-1], self.T_bim_map
         T_map_sensor, covariance = newest.T_map_sensor, newest.covariance
-        if self._kept:
-            T_map_sensor = current.T_map_odom @ self._kept[-1].T_odom_sensor
-            covariance = self._kept[-1].covariance
+        if (held := self._tracking.held) is not None:
+            T_map_sensor, covariance = current.T_map_odom @ held.T_odom_sensor, held.covariance
         R = np.eye(3) if T_bim_map is None else T_bim_map[:3, :3]
         return live_sigma(current.scans, T_map_sensor, covariance, current.backend, R, settings)
 
@@ -319,7 +296,7 @@ class SceneGraphSlam:
         It is not a copy: write it before the next scan is added.
         """
         return {
-            "tracking": self._tracking.state(), "kept": self._kept, "seconds": self.seconds,
+            "tracking": self._tracking.state(), "seconds": self.seconds,
             "session": self._session.state(), "map": self._map.state(),
         }  # fmt: skip
 
@@ -330,5 +307,4 @@ class SceneGraphSlam:
         self._map = self._session.begin(clouds, self._stopwatch)
         self._map.restore(state["map"])
         self._tracking.restore(state["tracking"])
-        self._kept = state["kept"]
         self._stopwatch.seconds = state["seconds"]

@@ -2,38 +2,23 @@
 
 import os
 import subprocess
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
-from data.imu import ImuSamples
 from data.scans import Scan
 from data.trajectory import Trajectory
-from sgslam.config import ImuSettings, OdometrySettings
-from sgslam.geometry.frames import inverse, squared_up
-from sgslam.inertial import ImuBuffer
-from sgslam.odometry.lidar_inertial.genz_lio import GenzLio
-from sgslam.odometry.lidar_inertial.library import InertialLibrary, InertialScan
-from sgslam.odometry.lidar_inertial.rest import rest_before, samples_at_rest
-from sgslam.odometry.lidar_inertial.rko_lio import RkoLio
-from sgslam.odometry.rigid import steady_motion
-from sgslam.odometry.steps import far_apart
-from sgslam.registration.motion_prior import velocity_between
+from sgslam.config import OdometrySettings, TrackingSettings
+
+if TYPE_CHECKING:
+    from sgslam.odometry.kiss import KissOdometry
+    from sgslam.odometry.small_gicp import SmallGicpOdometry
 
 Array = NDArray[np.float64]
-
-# KISS-ICP; its defaults of 1 m and 20 points are for streets. Of the least error in two drives (demo building, office)
-# with other seeds than the reported ones, of 24 settings.
-VOXEL_M, POINTS_PER_VOXEL = 0.3, 1
-# small_gicp, chosen likewise: points are thinned out to this distance, correspondences at most so far apart; the local
-# map has so many scans, so far apart (m or rad)
-DOWNSAMPLED_M, REACH_M, LOCAL_SCANS, SPACING = 0.25, 0.3, 15, 0.3
-# RKO-LIO and GenZ-LIO: the settings of a run (`OdometrySettings`), chosen likewise in four drives on a hand
-DESKEWING_ROUNDS = 3  # a scan deskewed by the step before it, and only once, diverges
 
 KISS_SLAM = "kiss_slam_pipeline"  # the command of kiss-slam 0.0.2, which is no dependency: its user has installed it
 # indoors: the odometry's voxels as in `kiss_icp_alone`; small local maps
@@ -47,122 +32,26 @@ local_mapper: {voxel_size: 0.1, splitting_distance: 3.0}
 
 
 def kiss_icp_alone(scans: Iterable[Scan]) -> Trajectory:
-    """T_odom_sensor of KISS-ICP (Vizzo et al., RA-L 2023) on whole scans, deskewed to their ends where their points
-    have times."""
-    from kiss_icp.config import KISSConfig
-    from kiss_icp.config.config import DataConfig, MappingConfig, RegistrationConfig
-    from kiss_icp.kiss_icp import KissICP
+    """T_odom_sensor of KISS-ICP (Vizzo et al., RA-L 2023) at the ends of the scans, to which they are undistorted where
+    their points have times."""
+    from sgslam.odometry.kiss import KissOdometry
 
-    mapping = MappingConfig(voxel_size=VOXEL_M, max_points_per_voxel=POINTS_PER_VOXEL)
-    registration = RegistrationConfig(max_num_threads=1)
-    kiss = KissICP(KISSConfig(data=DataConfig(), mapping=mapping, registration=registration))
-
-    def register(scan: Scan) -> Array:
-        kiss.register_frame(scan.points, np.empty(0) if scan.point_times is None else scan.point_times)
-        return kiss.last_pose.copy()
-
-    return _trajectory(scans, register)
+    return _at_ends(scans, KissOdometry(OdometrySettings(), TrackingSettings()))
 
 
 def small_gicp_alone(scans: Iterable[Scan]) -> Trajectory:
-    """T_odom_sensor of small_gicp's GICP (Segal et al., RSS 2009; Koide, JOSS 2024) on whole scans, with a constant
-    velocity, against a local map of the last spaced scans.
+    """As `kiss_icp_alone`, of small_gicp's GICP (Segal et al., RSS 2009; Koide, JOSS 2024)."""
+    from sgslam.odometry.small_gicp import SmallGicpOdometry
 
-    Scans whose points have times are deskewed to their ends, by the step that was just found, several times over.
-    """
-    import small_gicp
-
-    T, step, stamp_ns = np.eye(4), np.eye(4), 0
-    kept: list[tuple[Array, Array]] = []  # pose and points (N, 3), odometry frame, of the scans of the local map
-    target: tuple[Any, Any] | None = None
-
-    def register(scan: Scan) -> Array:
-        """T_odom_sensor of the next scan, which joins the local map where it is far enough from the last one."""
-        nonlocal T, step, stamp_ns, kept, target
-        interval_s, before, T = (scan.stamp_ns - stamp_ns) / 1e9, T, T @ step
-        for _ in range(1 if scan.point_times is None else DESKEWING_ROUNDS):
-            points = scan.points if target is None else _at_the_end(scan, step, interval_s)
-            source, _ = small_gicp.preprocess_points(points, downsampling_resolution=DOWNSAMPLED_M)
-            if target is None:
-                break
-            cloud, tree = target
-            found = small_gicp.align(
-                cloud, source, tree, T, registration_type="GICP", max_correspondence_distance=REACH_M
-            )
-            T = squared_up(found.T_target_source)
-            step = inverse(before) @ T
-        stamp_ns = scan.stamp_ns
-        if not kept or far_apart(kept[-1][0], T, SPACING):
-            points = source.points()[:, :3] @ T[:3, :3].T + T[:3, 3]
-            kept = [*kept, (T, points)][-LOCAL_SCANS:]
-            stacked = np.concatenate([points for _, points in kept])
-            target = small_gicp.preprocess_points(stacked, downsampling_resolution=DOWNSAMPLED_M)
-        return T.copy()
-
-    return _trajectory(scans, register)
+    return _at_ends(scans, SmallGicpOdometry(TrackingSettings()))
 
 
-def rko_lio_alone(scans: Iterable[Scan], samples: ImuSamples) -> Trajectory:
-    """T_odom_sensor of RKO-LIO (Malladi et al., RA-L 2026) at the ends of the scans, which have points' times; samples
-    of an IMU in the sensor's axes. Raises UserError if the library is missing, or the samples begin after the scans."""
-    return _lidar_inertial(scans, samples, RkoLio)
-
-
-def genz_lio_alone(scans: Iterable[Scan], samples: ImuSamples) -> Trajectory:
-    """As `rko_lio_alone`, of GenZ-LIO (2026)."""
-    return _lidar_inertial(scans, samples, GenzLio)
-
-
-def _lidar_inertial(
-    scans: Iterable[Scan], samples: ImuSamples, begin: Callable[[OdometrySettings, ImuSamples], InertialLibrary]
-) -> Trajectory:
-    """A library with the settings of a run: on a hand it needs the rest before the first scan as well. A scan that it
-    does not register keeps the pose before."""
-    library, T, fed_ns = None, np.eye(4), -1
-
-    def register(scan: Scan) -> Array:
-        """(4, 4) the pose at the end of the scan; the one before where the library has none."""
-        nonlocal library, T, fed_ns
-        times = np.zeros(len(scan.points)) if scan.point_times is None else scan.point_times
-        end_ns = scan.stamp_ns + round(float(times.max()) * 1e9)
-        given = InertialScan(scan.stamp_ns, end_ns, scan.points.astype(np.float32), times)
-        if library is None:
-            library, fed_ns = begin(OdometrySettings(), _rest(samples, given)), scan.stamp_ns - 1
-        inside = (samples.stamps_ns > fed_ns) & (samples.stamps_ns <= end_ns)
-        fed_ns = end_ns
-        found = library.register(
-            given, ImuSamples(samples.stamps_ns[inside], samples.gyro[inside], samples.accel[inside])
-        )
-        T = T if found is None else found.T_library_sensor
-        return T.copy()
-
-    return _trajectory(scans, register)
-
-
-def _rest(samples: ImuSamples, scan: InertialScan) -> ImuSamples:
-    """The samples at rest before the first scan."""
-    first, imu = samples.stamps_ns <= scan.end_ns, ImuBuffer(ImuSettings())
-    imu.add(ImuSamples(samples.stamps_ns[first], samples.gyro[first], samples.accel[first]))
-    rest = rest_before(imu, scan, None) if first.any() else None
-    if rest is None:
-        raise UserError("the samples of the IMU begin after the scans")
-    return samples_at_rest(rest, scan.stamp_ns)
-
-
-def _at_the_end(scan: Scan, step: Array, interval_s: float) -> Array:
-    """(N, 3) the points in the sensor frame at the scan's end, for a sensor that makes `step` (4, 4) in `interval_s`;
-    as they are if they have no times."""
-    times = scan.point_times
-    if times is None:
-        return scan.points
-    velocity = velocity_between(np.eye(4), step, interval_s)
-    placed = steady_motion(step, velocity, float(times.max()), times).placed(scan.points, times)
-    return np.asarray((placed - step[:3, 3]) @ step[:3, :3])
-
-
-def _trajectory(scans: Iterable[Scan], register: Callable[[Scan], Array]) -> Trajectory:
-    found = [(scan.stamp_ns, register(scan)) for scan in scans]
-    return Trajectory(np.array([stamp for stamp, _ in found], dtype=np.int64), np.stack([pose for _, pose in found]))
+def _at_ends(scans: Iterable[Scan], odometry: "KissOdometry | SmallGicpOdometry") -> Trajectory:
+    poses = dict[int, Array]()
+    for scan in scans:
+        odometry.locate(scan.stamp_ns, scan.points, scan.point_times)
+        poses[scan.stamp_ns] = odometry.T_odom_end
+    return Trajectory(np.array([*poses], dtype=np.int64), np.stack([*poses.values()]))
 
 
 def kiss_slam_results(scan_dir: Path, work: Path) -> Path:

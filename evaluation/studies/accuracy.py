@@ -60,7 +60,6 @@ class Choice(DriveOptions):
         "rooms only",
         "KISS-ICP inside",
         "small_gicp inside",
-        "KISS-ICP given",
         "weakened, unanchored",
         "weakened, voting",
         "weakened",

@@ -33,8 +33,6 @@ EXTRAS = {
     "foxglove": "finished runs as MCAP for Foxglove",
     "open3d": "distances of the map from the model, and a desktop viewer",
     "rerun": "runs as recordings for the Rerun viewer",
-    "rko_lio": "the LiDAR-inertial odometry RKO-LIO",
-    "genz_lio": "the LiDAR-inertial odometry GenZ-LIO (GPL-2)",
     "torch": "training the matcher, and the published network",
     "cluster": "measurements and training data on several machines",
     "evaluation": "the studies behind the numbers of the documentation",

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from importlib.util import find_spec
+from typing import Literal
 
 import numpy as np
 
@@ -36,19 +37,18 @@ def _small_gicp() -> None:
     _odometry("small_gicp")
 
 
-def _odometry(method: str) -> None:
+def _odometry(method: Literal["kiss", "small_gicp"]) -> None:
     """Registers a box of 8 m twice from the same pose."""
-    from sgslam.config import Config
-    from sgslam.config.loading import load_config
+    from sgslam.config import Config, OdometrySettings
     from sgslam.odometry import make_odometry
 
     box = np.random.default_rng(0).uniform(-4, 4, (6000, 3))
     sides = np.arange(len(box)), np.arange(len(box)) % 3
     box[sides] = np.sign(box[sides]) * 4
-    config: Config = load_config(None, [f"odometry.method={method}"])
-    odometry = make_odometry(config.odometry, config.tracking)
-    found = [odometry.register(stamp, box) for stamp in (0, 10**8)]
-    assert np.allclose(found[-1].T_odom_sensor, np.eye(4), atol=0.05)
+    odometry = make_odometry(Config(odometry=OdometrySettings(method=method)))
+    assert odometry is not None
+    found = [odometry.locate(stamp, box) for stamp in (0, 10**8)]
+    assert np.allclose(found[-1], np.eye(4), atol=0.05)
 
 
 def _shapely() -> None:

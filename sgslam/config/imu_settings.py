@@ -17,19 +17,8 @@ class ImuSettings(Settings):
     `rotation`: a hundredth of a quick turn"""
     gyro_bias: float = Field(0.02, gt=0)
     """rad/s, standard deviation of the gyroscope's bias at the beginning; data sheets say 0.01 to 0.02"""
-    gyro_walk: float = Field(1e-4, gt=0)
-    """rad/s/sqrt(s), random walk of the gyroscope's bias; five times the value at rest, for a chip that warms up"""
-    attitude_error: float = Field(3e-3, gt=0)
-    """rad, standard deviation of the attitudes from registration, by which the bias is estimated"""
     accel_error: float = Field(0.5, gt=0)
     """m/s2, standard deviation of the mean acceleration between two knots, bias excluded: a tilt of 1 degree adds 0.17,
     a `translation` that is off by 5 cm adds 0.5 in a quick hand"""
     accel_bias: float = Field(0.2, gt=0)
     """m/s2, standard deviation of the accelerometer's bias at the beginning; data sheets say 0.1 to 0.4"""
-    accel_walk: float = Field(1e-3, gt=0)
-    """m/s2/sqrt(s), random walk of the accelerometer's bias; three times the value at rest, for a chip that warms up"""
-    velocity_error: float = Field(0.05, gt=0)
-    """m/s, standard deviation of the velocities from registration, by which the bias is estimated"""
-    up_error: float = Field(0.1, gt=0)
-    """rad, maximum angle between the vertical of the surfaces and that of the accelerometer at which the surfaces',
-    which is more exact, is used"""

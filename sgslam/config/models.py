@@ -15,63 +15,26 @@ from sgslam.config.tracking_settings import FloorSettings, TrackingSettings
 
 
 class OdometrySettings(Settings):
-    """The odometry: our own in continuous time (see tracking), KISS-ICP, small_gicp or, with an IMU, RKO-LIO or
-    GenZ-LIO; the defaults are for indoor scans."""
+    """The odometry: our own in continuous time (see tracking), KISS-ICP or small_gicp; the defaults are for indoor
+    scans."""
 
-    method: Literal["continuous_time", "kiss", "small_gicp", "rko_lio", "genz_lio"] = "continuous_time"
-    """odometry method; rko_lio and genz_lio need an IMU and the extra that installs them"""
+    method: Literal["continuous_time", "kiss", "small_gicp"] = "continuous_time"
+    """odometry method"""
     voxel_size: float = Field(0.3, gt=0)
     """m, voxel size of KISS-ICP's scans and local map; smaller is slower"""
-    voxel_points: int = Field(1, ge=1)
-    """maximum number of points per voxel of KISS-ICP's local map"""
-    max_range: float = Field(60.0, gt=0)
-    """m, maximum range of points, for all odometries but our own (`tracking.max_range`)"""
-    min_range: float = Field(0.3, ge=0)
-    """m, minimum range of points, for all odometries but our own (`tracking.min_range`)"""
-    iterations: int = Field(100, ge=1)
-    """maximum number of iterations of KISS-ICP, small_gicp and RKO-LIO"""
-    convergence: float = Field(1e-4, gt=0)
-    """m and rad, update below which KISS-ICP stops iterating"""
-    max_step: float = Field(1.5, gt=0)
-    """m, maximum plausible translation between two scans; beyond it, the pose is searched for globally"""
-    max_turn: float = Field(0.8, gt=0)
-    """rad, maximum plausible rotation between two scans; beyond it, the pose is searched for globally"""
-    min_share: float = Field(0.4, ge=0, le=1)
-    """minimum share of a scan's points that the pose found by a global search must explain"""
-    gicp_voxel_size: float = Field(0.25, gt=0)
-    """m, voxel size of small_gicp's scans and local map"""
-    gicp_reach: float = Field(0.3, gt=0)
-    """m, maximum distance between corresponding points in small_gicp"""
-    gicp_spacing: float = Field(0.3, gt=0)
-    """m or rad, minimum motion between two scans of small_gicp's local map, and of the recent scans against which a
-    LiDAR-inertial odometry is checked"""
-    gicp_scans: int = Field(15, ge=1)
-    """maximum number of scans in small_gicp's local map, and of the recent scans against which a LiDAR-inertial
-    odometry is checked"""
-    rko_voxel_size: float = Field(0.7, gt=0)
-    """m, voxel size of RKO-LIO's scans and local map"""
-    rko_reach: float = Field(0.3, gt=0)
-    """m, maximum distance between corresponding points in RKO-LIO"""
-    outlier_distance: float = Field(0.4, gt=0)
-    """m, maximum deviation of an external odometry's step from the previous one; a step beyond it is rejected"""
-    outlier_angle: float = Field(0.5, gt=0)
-    """rad, maximum deviation of an external odometry's rotation from the previous one; a step beyond it is rejected"""
+    outlier_speed: float = Field(5.0, gt=0)
+    """m/s, change of the velocity of given poses beyond which a step is an outlier; a sensor is carried more slowly"""
+    outlier_turn_rate: float = Field(5.0, gt=0)
+    """rad/s, change of the angular velocity of given poses beyond which a step is an outlier"""
     given: Literal["exact", "measured"] = "exact"
-    """how the poses of an external odometry are used: `exact` ones replace registration; of `measured` ones, the motion
-    from scan to scan enters our own registration with the errors below, and predicts the pose of a lost sensor"""
+    """how given poses, of other odometries too, are used: `exact` ones replace registration; of `measured` ones, the
+    motion from scan to scan enters our own registration with the errors below, and predicts the pose of a lost
+    sensor"""
     given_sigma_rotation: float = Field(0.02, gt=0)
     """rad, standard deviation of each angle of a measured step from scan to scan; handheld, the errors of RKO-LIO and
     KISS-SLAM were 0.006 to 0.08"""
     given_sigma_translation: float = Field(0.05, gt=0)
     """m, standard deviation of each coordinate of a measured step; handheld, the errors of both were 0.03 to 0.12"""
-    unconstrained_speed_error: float = Field(1.0, gt=0)
-    """m/s, standard deviation of the drift along directions that no surface constrains"""
-    unconstrained_turn_error: float = Field(0.3, gt=0)
-    """rad/s, standard deviation of the drift about axes that no surface constrains"""
-    external_speed_error: float = Field(0.02, gt=0)
-    """m/s, standard deviation of an external odometry along unconstrained directions"""
-    external_turn_error: float = Field(0.01, gt=0)
-    """rad/s, standard deviation of an external odometry about unconstrained axes"""
     sigma_rotation: float = Field(0.002, gt=0)
     """rad, standard deviation of the rotation between two keyframes, for our own odometry, map errors included"""
     sigma_translation: float = Field(0.004, gt=0)

@@ -101,8 +101,6 @@ class TrackingSettings(Settings):
     level"""
     mount: tuple[float, float, float] | None = None
     """degrees, roll, pitch and yaw of the sensor on its carrier, 180,0,0 if upside down; null to estimate them"""
-    mount_error: float = Field(0.5, gt=0)
-    """rad, angle between the measured tilt and `mount` above which the run warns; a hand sways by less"""
 
 
 class FloorSettings(Settings):

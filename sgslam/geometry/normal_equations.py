@@ -102,3 +102,47 @@ def square_up(T: Floats) -> None:
             for k in range(3):
                 square = R[0, k] * R[0, j] + R[1, k] * R[1, j] + R[2, k] * R[2, j]
                 T[i, j] -= 0.5 * R[i, k] * square
+
+
+@compiled
+def principal_axes(
+    xx: float, xy: float, xz: float, yy: float, yz: float, zz: float
+) -> tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]:
+    """The eigenvalues, ascending, of a covariance (3, 3), and the unit eigenvectors of the first two of them.
+
+    In closed form (Smith, CACM 1961), made for flat ones: the other two follow in the plane of the first vector.
+    """
+    mean = (xx + yy + zz) / 3
+    a, b, c = xx - mean, yy - mean, zz - mean
+    spread = math.sqrt((a * a + b * b + c * c + 2 * (xy * xy + xz * xz + yz * yz)) / 6)
+    if spread > 0:
+        determinant = a * (b * c - yz * yz) - xy * (xy * c - yz * xz) + xz * (xy * yz - b * xz)
+        angle = math.acos(min(max(determinant / (2 * spread**3), -1.0), 1.0)) / 3
+        least = 2 * spread * math.cos(angle + 2 * math.pi / 3)
+        a, b, c = a - least, b - least, c - least
+    # the first eigenvector is normal to all rows that remain: the longest of their cross products
+    n, size = (0.0, 0.0, 1.0), 0.0
+    for own in (
+        (xy * yz - xz * b, xz * xy - a * yz, a * b - xy * xy),
+        (xy * c - xz * yz, xz * xz - a * c, a * yz - xy * xz),
+        (b * c - yz * yz, yz * xz - xy * c, xy * yz - b * xz),
+    ):
+        square = own[0] * own[0] + own[1] * own[1] + own[2] * own[2]
+        if square > size:
+            n, size = own, square
+    if size > 0:
+        length = math.sqrt(size)
+        n = (n[0] / length, n[1] / length, n[2] / length)
+    # two directions u and v normal to it, and the axes of the covariance between them
+    ux, uy, uz = (-n[1], n[0], 0.0) if abs(n[2]) < 0.9 else (0.0, -n[2], n[1])
+    length = math.sqrt(ux * ux + uy * uy + uz * uz)
+    ux, uy, uz = ux / length, uy / length, uz / length
+    vx, vy, vz = n[1] * uz - n[2] * uy, n[2] * ux - n[0] * uz, n[0] * uy - n[1] * ux
+    uu = xx * ux * ux + yy * uy * uy + zz * uz * uz + 2 * (xy * ux * uy + xz * ux * uz + yz * uy * uz)
+    vv = xx * vx * vx + yy * vy * vy + zz * vz * vz + 2 * (xy * vx * vy + xz * vx * vz + yz * vy * vz)
+    uv = ux * (xx * vx + xy * vy + xz * vz) + uy * (xy * vx + yy * vy + yz * vz) + uz * (xz * vx + yz * vy + zz * vz)
+    half, middle = math.hypot((uu - vv) / 2, uv), (uu + vv) / 2
+    turn = math.atan2(2 * uv, uu - vv) / 2 + math.pi / 2  # of the lesser one of both
+    s, t = math.cos(turn), math.sin(turn)
+    values = (max(3 * mean - uu - vv, 0.0), middle - half, middle + half)
+    return values, n, (s * ux + t * vx, s * uy + t * vy, s * uz + t * vz)

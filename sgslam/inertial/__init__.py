@@ -1,13 +1,17 @@
 """An IMU beside the LiDAR: its newest samples, how the sensor moved by them, and where up is."""
 
 from sgslam.inertial.buffer import ImuBuffer
-from sgslam.inertial.gyroscope import Gyroscope
 from sgslam.inertial.measured_motion import MeasuredMotion
-from sgslam.inertial.preintegration import NO_TURNS, Changes, Turns, no_changes
-from sgslam.inertial.unsteady import UnsteadyTurn
+from sgslam.inertial.preintegration import NO_TURNS, Changes, Turns, UnsteadyTurn, no_changes
 from sgslam.inertial.vertical import measured_up
 
 __all__ = [
-    "NO_TURNS", "Changes", "Gyroscope", "ImuBuffer", "MeasuredMotion", "Turns", "UnsteadyTurn", "measured_up",
+    "NO_TURNS",
+    "Changes",
+    "ImuBuffer",
+    "MeasuredMotion",
+    "Turns",
+    "UnsteadyTurn",
+    "measured_up",
     "no_changes",
-]  # fmt: skip
+]

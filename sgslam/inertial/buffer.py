@@ -12,12 +12,12 @@ from sgslam.config import ImuSettings
 from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
-_KEPT_NS = 30_000_000_000  # longer than the first scans wait
+_BEFORE_NS = 10_000_000_000  # before a scan: the one before, and the last measurement of the biases, are later
 _GAP_NS = 50_000_000  # longest time between samples, or beyond them, over which the rate of turn is interpolated
 
 
 class ImuBuffer(Stateful):
-    """Samples are added in the order of their stamps; old ones are forgotten."""
+    """Samples are added in the order of their stamps, and kept until `forget`."""
 
     _STATE = ("_stamps", "_values", "unit")
 
@@ -32,6 +32,11 @@ class ImuBuffer(Stateful):
     def add(self, samples: ImuSamples) -> None:
         """Adds samples later than all before, in the IMU's axes."""
         self._newer.append(samples)
+
+    def forget(self, stamp_ns: int) -> None:
+        """Forgets the samples that no scan from a stamp on needs, but never the newest one."""
+        first = int(np.searchsorted(self._stamps[:-1], stamp_ns - _BEFORE_NS))
+        self._stamps, self._values = self._stamps[first:], self._values[first:]
 
     @property
     def newest_ns(self) -> int | None:
@@ -61,15 +66,6 @@ class ImuBuffer(Stateful):
         steps = (found.gyro[1:] + found.gyro[:-1]) / 2 * np.diff(found.stamps_ns)[:, None] / 1e9
         return found.stamps_ns, np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
 
-    def within(self, begin_ns: int, end_ns: int) -> ImuSamples | None:
-        """The samples after a time and until another, none of them twice where the times follow one another; None where
-        there is a gap."""
-        samples = self.around(begin_ns, end_ns)
-        if samples is None:
-            return None
-        inside = (samples.stamps_ns > begin_ns) & (samples.stamps_ns <= end_ns)
-        return ImuSamples(samples.stamps_ns[inside], samples.gyro[inside], samples.accel[inside])
-
     def _take_newer(self) -> None:
         if not self._newer:
             return
@@ -79,9 +75,8 @@ class ImuBuffer(Stateful):
         )
         newer = np.concatenate([own.stamps_ns for own in self._newer])
         accel = accel - self._beside(newer, gyro)
-        stamps = np.concatenate([self._stamps, newer])
-        kept = stamps >= stamps[-1] - _KEPT_NS
-        self._stamps, self._values = stamps[kept], np.concatenate([self._values, np.hstack([gyro, accel])])[kept]
+        self._stamps = np.concatenate([self._stamps, newer])
+        self._values = np.concatenate([self._values, np.hstack([gyro, accel])])
         self.unit = unit_of_forces(self._values[:, 3:])
         self._newer = []
 

@@ -1,49 +1,118 @@
-"""What an IMU tells of the motion between knots: turns, and changes of the velocity."""
+"""What an IMU tells of the motion between knots: turns, and changes of the velocity; both biases are estimated."""
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from sgslam.inertial.accelerometer import Accelerometer
+from data.imu import ImuSamples
+from data.imu.samples import GRAVITY
 from sgslam.inertial.buffer import ImuBuffer
-from sgslam.inertial.gyroscope import Gyroscope
-from sgslam.inertial.preintegration import Changes, Turns, no_changes
-from sgslam.inertial.unsteady import UnsteadyTurn
+from sgslam.inertial.preintegration import (
+    NO_TURNS,
+    Changes,
+    Turns,
+    UnsteadyTurn,
+    no_changes,
+    preintegrated,
+    unsteady,
+    velocity_changes,
+)
+from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
+_BETWEEN = 1.0  # s from one measurement of a bias to the next: registration's error is then small against the motion
+_WALK = 0.005  # of a bias, as a share of its first standard deviation, in a root of a second: for a chip that warms up
+_ATTITUDE, _VELOCITY = 3e-3, 0.05  # rad and m/s, standard deviations of what registration finds
 
 
-class MeasuredMotion:
-    """Turns and changes of velocity at times in seconds after `begin`; both biases are estimated."""
+class _Bias(Stateful):
+    """The bias of an inertial sensor, a random walk in three axes: a Kalman filter, by what registration finds.
+
+    At the beginning it is zero with a standard deviation of `first`. `error` is the standard deviation of each of the
+    two values by registration that a measurement compares.
+    """
+
+    _STATE = ("value", "covariance")
+
+    def __init__(self, first: float, error: float) -> None:
+        self._walk, self._error = _WALK * first, error
+        self.value: Floats = np.zeros(3)
+        self.covariance: Floats = np.eye(3) * first**2
+
+    def correct(self, off: Floats, J: Floats, lasted: float) -> None:
+        """By `off` (3,) registration found more than was measured in the time (s) that `lasted`; with the bias, that
+        changes by J (3, 3)."""
+        P = self.covariance + np.eye(3) * self._walk**2 * lasted
+        gain = P @ J.T @ np.linalg.inv(J @ P @ J.T + np.eye(3) * 2 * self._error**2)
+        self.value = self.value + gain @ off
+        P = P - gain @ J @ P
+        self.covariance = (P + P.T) / 2
+
+
+class MeasuredMotion(Stateful):
+    """Turns and changes of velocity at times in seconds after `begin`.
+
+    The biases are measured about every second by the attitudes and velocities that registration finds.
+    """
+
+    _STATE = ("_first_ns", "_seen", "_changed")
 
     def __init__(self, imu: ImuBuffer) -> None:
-        self._imu = imu
-        self._gyro, self._accel = Gyroscope(imu), Accelerometer(imu.settings)
+        self._imu, self._settings, self._first_ns = imu, imu.settings, 0
+        self._runs_backwards = False
+        self._gyro_bias = _Bias(self._settings.gyro_bias, _ATTITUDE)
+        self._accel_bias = _Bias(self._settings.accel_bias, _VELOCITY)
+        self._seen: tuple[float, Floats, Floats] | None = None  # s, attitude, velocity at the last measurement
+        # The change of velocity since then by the samples (3,), and by a bias of 1 (3, 3); None where some are missing.
+        self._changed: tuple[Floats, Floats] | None = None
+
+    @property
+    def biases(self) -> tuple[Floats, Floats]:
+        """(3,) rad/s of the gyroscope and (3,) m/s2 of the accelerometer, as far as they are known."""
+        return self._gyro_bias.value, self._accel_bias.value
 
     def begin(self, first_ns: int) -> None:
         """Sets the stamp at which seconds are 0."""
-        self._gyro.begin(first_ns)
+        self._first_ns = first_ns
 
     def backwards(self) -> "MeasuredMotion":
         """The same, as time runs backwards; the biases are what they are now."""
         other = MeasuredMotion(self._imu)
-        other._gyro = self._gyro.backwards()
-        other._accel.restore(self._accel.state())
-        other._accel.lose()
+        other.restore(self.state())
+        other._runs_backwards = not self._runs_backwards
+        other.lose()
         return other
 
     def turns(self, seconds: Floats) -> Turns:
         """The turns between knots at times (K,) that increase."""
-        return self._gyro.between(seconds)
+        found = [self._turn(a, b) for a, b in pairwise(seconds)]
+        known = np.array([own is not None for own in found])
+        if not known.any():
+            return NO_TURNS
+        lasted = np.diff(seconds)
+        rotations = np.stack([np.eye(3) if own is None else own[0] for own in found])
+        bias_variance = float(np.linalg.eigvalsh(self._gyro_bias.covariance)[-1])
+        return Turns(rotations, known / (self._settings.gyro_noise**2 * lasted + bias_variance * lasted**2))
 
     def turned(self, seconds: Floats, knots: Floats) -> Floats:
-        """See `Gyroscope.turned`."""
-        return self._gyro.turned(seconds, knots)
+        """Knots (K, 4, 4) at times (K,), with the attitudes that follow from the first one, as far as is measured."""
+        result = knots.copy()
+        for k in range(1, len(knots)):
+            found = self._turn(seconds[k - 1], seconds[k])
+            if found is None:
+                break
+            result[k, :3, :3] = result[k - 1, :3, :3] @ found[0]
+        return result
 
     def unsteady(self, seconds: Floats) -> UnsteadyTurn | None:
         """How unsteadily the sensor turns between knots at times (K,); None where samples are missing."""
-        return self._gyro.unsteady(seconds)
+        samples = self._samples(float(seconds[0]), float(seconds[-1])) if len(seconds) > 1 else None
+        if samples is None:
+            return None
+        return UnsteadyTurn(*unsteady(samples[0], samples[1].gyro, self._gyro_bias.value, seconds))
 
     def changes(self, seconds: Floats, knots: Floats, before: float, up: Floats) -> Changes:
         """The changes of the mean velocity at all but the last of the knots (K, 4, 4) at times (K,): at the first one,
@@ -55,49 +124,77 @@ class MeasuredMotion:
         if not up.any() or count < 1:
             return no_changes(count)
         R = np.ascontiguousarray(knots[:, :3, :3])
-        if before:
-            seconds = np.concatenate([[seconds[0] - before], seconds])
-            back = self._gyro.turn(float(seconds[0]), float(seconds[1]))
-            R = np.concatenate([[R[0] @ back.T if back is not None else R[0]], R])
-        found = self._at_inner(seconds, R, up)
-        if before:
-            return found
-        none = no_changes(1)
-        return Changes(np.vstack([none.values, found.values]), np.append(none.information, found.information))
+        if not before:
+            found, none = self._at_inner(seconds, R, up), no_changes(1)
+            values = np.vstack([none.values, found.values])
+            return Changes(values, np.append(none.information, found.information))
+        seconds = np.concatenate([[seconds[0] - before], seconds])
+        back = self._turn(float(seconds[0]), float(seconds[1]))
+        R = np.concatenate([[R[0] @ back[0].T if back is not None else R[0]], R])
+        return self._at_inner(seconds, R, up)
 
     def _at_inner(self, seconds: Floats, R: Floats, up: Floats) -> Changes:
         """The changes at the inner ones of the knots (K,); an acceleration is the same if time runs backwards."""
-        forward, step = self._gyro.forward(seconds), -1 if self._gyro.runs_backwards else 1
-        samples = self._gyro.samples(float(forward[0]), float(forward[-1]))
-        if samples is None or self._imu.unit is None:
+        forward, step = (-seconds[::-1], -1) if self._runs_backwards else (seconds, 1)
+        samples, unit = self._samples(float(forward[0]), float(forward[-1])), self._imu.unit
+        if samples is None or unit is None or len(samples[0]) < 2:
             return no_changes(len(seconds) - 2)
-        accel = samples[1].accel * self._imu.unit
-        found = self._accel.changes(samples[0], samples[1].gyro - self._gyro.bias, accel, forward, R[::step].copy(), up)
-        return Changes(found.values[::step].copy(), found.information[::step].copy())
+        (at, measured), (gyro_bias, accel_bias) = samples, self.biases
+        rates, forces = measured.gyro - gyro_bias, measured.accel * unit - accel_bias
+        values = velocity_changes(at, rates, forces, forward, R[::step].copy())
+        lasted = (forward[2:] - forward[:-2]) / 2
+        values -= GRAVITY * up * lasted[:, None]
+        information = 1 / (self._settings.accel_error * lasted) ** 2
+        return Changes(values[::step].copy(), information[::step].copy())
 
     def follow(self, seconds: Floats, knots: Floats, changes: Changes) -> None:
         """Measures the biases by the knots (K, 4, 4) that registration finds, at times (K,): the first one is the last
         one of the call before. `changes` are those at all but the last of them."""
-        self._gyro.follow(float(seconds[-1]), knots[-1, :3, :3])
-        if len(seconds) < 2 or not (changes.information > 0).all():
-            self._accel.lose()
-            return
-        lasted = np.diff(seconds)
-        halves = (lasted + np.append(lasted[0], lasted[:-1])) / 2
-        by_bias = np.einsum("k,kij->ij", halves, knots[:-1, :3, :3])
+        second, R, lasted = float(seconds[-1]), knots[-1, :3, :3].copy(), np.diff(seconds)
         velocity = (knots[-1, :3, 3] - knots[-2, :3, 3]) / lasted[-1]
-        self._accel.follow(float(seconds[-1]), velocity, changes.values.sum(axis=0), by_bias)
+        if not (changes.information > 0).all():
+            self._changed = None
+        elif self._changed is not None:
+            halves = (lasted + np.append(lasted[0], lasted[:-1])) / 2
+            by_bias = np.einsum("k,kij->ij", halves, knots[:-1, :3, :3])
+            self._changed = self._changed[0] + changes.values.sum(axis=0), self._changed[1] + by_bias
+        if self._seen is not None and second - self._seen[0] < _BETWEEN:
+            return
+        if self._seen is not None:
+            before, R_before, velocity_before = self._seen
+            found = self._turn(before, second)
+            if found is not None:
+                off = Rotation.from_matrix(found[0].T @ R_before.T @ R).as_rotvec()
+                self._gyro_bias.correct(off, found[1], second - before)
+            if self._changed is not None:
+                off = velocity - velocity_before - self._changed[0]
+                self._accel_bias.correct(off, -self._changed[1], second - before)
+        self._seen, self._changed = (second, R, velocity), (np.zeros(3), np.zeros((3, 3)))
 
     def lose(self) -> None:
         """To be called where poses are not known any more."""
-        self._gyro.lose()
-        self._accel.lose()
+        self._seen = self._changed = None
+
+    def _samples(self, begin: float, end: float) -> tuple[Floats, ImuSamples] | None:
+        """The samples between two times, as they passed, with their seconds (N,); None where some are missing."""
+        found = self._imu.around(*(self._first_ns + round(second * 1e9) for second in (begin, end)))
+        return None if found is None else ((found.stamps_ns - self._first_ns) / 1e9, found)
+
+    def _turn(self, begin: float, end: float) -> tuple[Floats, Floats] | None:
+        """See `preintegrated`; None where samples are missing."""
+        low, high = (-end, -begin) if self._runs_backwards else (begin, end)
+        samples = self._samples(low, high)
+        if samples is None:
+            return None
+        R, J = preintegrated(samples[0], samples[1].gyro, self._gyro_bias.value, low, high)
+        return (R.T.copy(), -R @ J) if self._runs_backwards else (R, J)
 
     def state(self) -> dict[str, Any]:
-        """What `restore` takes."""
-        return {"gyro": self._gyro.state(), "accel": self._accel.state()}
+        """See `Stateful`; with the biases."""
+        return {**super().state(), "gyro": self._gyro_bias.state(), "accel": self._accel_bias.state()}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Restores what `state` returned."""
-        self._gyro.restore(state["gyro"])
-        self._accel.restore(state["accel"])
+        """See `Stateful`."""
+        super().restore(state)
+        self._gyro_bias.restore(state["gyro"])
+        self._accel_bias.restore(state["accel"])

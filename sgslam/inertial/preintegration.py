@@ -1,14 +1,17 @@
 """What an IMU measures between knots; preintegrated turns (Forster et al., T-RO 2017, equations 35 and A.20)."""
 
 import math
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
+from sgslam.geometry.rotations import rotated_by, turn_between
 
 Floats = NDArray[np.float64]
+_STEP = 0.005  # s, of the integration; that of an IMU with 200 samples a second
 
 
 class Turns(NamedTuple):
@@ -33,6 +36,23 @@ class Changes(NamedTuple):
 def no_changes(count: int) -> Changes:
     """At so many knots nothing was measured."""
     return Changes(np.zeros((count, 3)), np.zeros(count))
+
+
+@dataclass(frozen=True, eq=False)
+class UnsteadyTurn:
+    """Rotation `vectors` (S, 3) at `seconds` (S,), ascending: the attitude relative to that of a steady turn between
+    knots, in the sensor's axes."""
+
+    seconds: Floats
+    vectors: Floats
+
+    def later(self, seconds: float) -> "UnsteadyTurn":
+        """The same, so many seconds later."""
+        return UnsteadyTurn(self.seconds + seconds, self.vectors)
+
+    def steadied(self, vectors: NDArray[np.floating[Any]], seconds: Floats) -> Floats:
+        """Points or normals (N, 3), measured at `seconds` (N,), as a sensor that turns steadily measures them."""
+        return np.asarray(_steadied(np.asarray(vectors, np.float64), seconds, self.seconds, self.vectors))
 
 
 @compiled
@@ -74,3 +94,72 @@ def preintegrated(seconds: Floats, gyro: Floats, bias: Floats, begin: float, end
             J[axis, axis] -= lasted
         at = until
     return R, J
+
+
+@compiled
+def velocity_changes(seconds: Floats, rates: Floats, accel: Floats, knots: Floats, R_knots: Floats) -> Floats:
+    """(K-2, 3) how much the mean velocity between two of the `knots` (K,) is more than that between the two before, by
+    the specific forces alone, in the frame of the attitudes (K, 3, 3).
+
+    A force between the knots counts the more, the nearer it is to the inner one. Samples (N, 3) are at times (N,).
+    """
+    unbiased = np.zeros(3)
+    rising, falling = np.zeros((len(knots), 3)), np.zeros((len(knots), 3))  # of the piece after a knot
+    for k in range(len(knots) - 1):
+        lasted = knots[k + 1] - knots[k]
+        count = math.ceil(lasted / _STEP)
+        R = R_knots[k].copy()
+        for n in range(count):
+            begin = knots[k] + lasted * n / count
+            middle, end = begin + lasted / (2 * count), begin + lasted / count
+            R = R @ preintegrated(seconds, rates, unbiased, begin, middle)[0]
+            push = R @ _at(seconds, accel, middle) * (lasted / count)
+            R = R @ preintegrated(seconds, rates, unbiased, middle, end)[0]
+            share = (n + 0.5) / count
+            rising[k] += share * push
+            falling[k] += (1 - share) * push
+    return rising[:-2] + falling[1:-1]
+
+
+@compiled
+def _at(seconds: Floats, values: Floats, second: float) -> Floats:
+    """(3,) the values (N, 3) at times (N,), N >= 2, interpolated; beyond both ends those at the end."""
+    i = min(max(int(np.searchsorted(seconds, second)), 1), len(seconds) - 1)
+    share = min(max((second - seconds[i - 1]) / (seconds[i] - seconds[i - 1]), 0.0), 1.0)
+    return values[i - 1] + share * (values[i] - values[i - 1])
+
+
+@compiled
+def _steadied(measured: Floats, seconds: Floats, times: Floats, vectors: Floats) -> Floats:
+    turns, found = np.empty((len(measured), 3)), np.empty((len(measured), 3))
+    for i in range(3):
+        turns[:, i] = np.interp(seconds, times, vectors[:, i])
+    for p in range(len(measured)):
+        found[p, 0], found[p, 1], found[p, 2] = rotated_by(
+            turns[p, 0], turns[p, 1], turns[p, 2], measured[p, 0], measured[p, 1], measured[p, 2]
+        )
+    return found
+
+
+@compiled
+def unsteady(seconds: Floats, gyro: Floats, bias: Floats, knots: Floats) -> tuple[Floats, Floats]:
+    """Times (S,) and rotation vectors (S, 3) of an `UnsteadyTurn` between `knots` (K,), K >= 2, by rates of turn (N, 3)
+    at times (N,), less the `bias` (3,)."""
+    counts = np.empty(len(knots) - 1, np.int64)
+    for k in range(len(counts)):
+        counts[k] = math.ceil((knots[k + 1] - knots[k]) / _STEP)
+    times, vectors, first = np.empty(counts.sum() + 1), np.zeros((counts.sum() + 1, 3)), 0
+    turned = np.empty((counts.max() + 1, 3, 3))
+    turned[0], times[0] = np.eye(3), knots[0]
+    for k in range(len(counts)):
+        count, step = counts[k], (knots[k + 1] - knots[k]) / counts[k]
+        for n in range(count):
+            begin = knots[k] + n * step
+            turned[n + 1] = turned[n] @ preintegrated(seconds, gyro, bias, begin, begin + step)[0]
+            times[first + n + 1] = begin + step
+        share = turn_between(turned[0], turned[count]) / count
+        for n in range(1, count):
+            back = rotation_of(-n * share[0], -n * share[1], -n * share[2])
+            vectors[first + n] = turn_between(turned[0], back @ turned[n])
+        first += count
+    return times, vectors

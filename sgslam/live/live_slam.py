@@ -108,8 +108,8 @@ class LiveSlam:
         for all scans. Raises UserError if no scan was added, or if the other process has ended.
         """
         self._is_open = False
-        logging.getLogger("sgslam").removeHandler(self._lines)
         self._hand_over(self._tracking.release())
+        logging.getLogger("sgslam").removeHandler(self._lines)
         live = {"live": {**self._latencies.to_dict(), **(measured or {})}}
         told = FinishMessage(self._seconds, tuple(skipped or ()), tuple(remarks or ()), live)
         try:
@@ -133,16 +133,18 @@ class LiveSlam:
     def _hand_over(self, steps: list[TrackingStep]) -> None:
         for step in steps:
             self._part += isinstance(step, CarriedElsewhere)
-            self._map.put(TrackedMessage.of(step, self._tracking.advice))
+            self._map.put(TrackedMessage(step, tuple(self._tracking.advice)))
 
     def _newest(self, steps: list[TrackingStep]) -> tuple[Floats, Health | None]:
         """(4, 4) T_odom_sensor of the newest scan and its health, None while it waits."""
         waiting = self._tracking.waiting
         if waiting is not None:
             return waiting, None
+        if (held := self._tracking.held) is not None:
+            return held.T_odom_sensor, "lost"
         newest = steps[-1]
         assert isinstance(newest, TrackedScan)  # a scan that does not wait is tracked
-        return newest.T_odom_sensor, "lost" if newest.unconfirmed else newest.health
+        return newest.T_odom_sensor, newest.health
 
     def _answer(self, stamp_ns: int, known: MapState, seconds: float) -> Answer:
         is_this = known.part == self._part  # else the map is that of the frame `odom` before

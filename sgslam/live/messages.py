@@ -1,6 +1,6 @@
 """What the process that tracks and the one that maps send each other."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from data.scans.scan import SkippedScan
 from sgslam.config import Config
 from sgslam.live.answer import HeldAnchor
-from sgslam.tracking import TrackedScan, TrackingStep
+from sgslam.tracking import TrackingStep
 
 Floats = NDArray[np.float64]
 Pose2 = tuple[float, float, float]  # x, y (m), yaw (rad) in the BIM frame
@@ -37,13 +37,6 @@ class TrackedMessage:
 
     step: TrackingStep
     advice: tuple[str, ...]
-
-    @staticmethod
-    def of(step: TrackingStep, advice: list[str]) -> "TrackedMessage":
-        """Without the raw points, which the map does not need."""
-        if isinstance(step, TrackedScan):
-            step = replace(step, raw=replace(step.raw, points=np.empty((0, 3)), point_times=None))
-        return TrackedMessage(step, tuple(advice))
 
 
 @dataclass(frozen=True)

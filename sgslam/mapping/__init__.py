@@ -1,6 +1,7 @@
 """The map: keyframes, walls, rooms, floors, and the S-graph made of them."""
 
 from sgslam.mapping.estimates import Estimates
+from sgslam.mapping.floor_transition import FloorTransition
 from sgslam.mapping.floors import FloorMap, Floors
 from sgslam.mapping.graph_nodes import Anchors, Closure, PlannedWall, RoomNode
 from sgslam.mapping.keyframe_clouds import KeyframeClouds
@@ -14,6 +15,7 @@ __all__ = [
     "Closure",
     "Estimates",
     "FloorMap",
+    "FloorTransition",
     "Floors",
     "KeyframeClouds",
     "KeyframeNode",

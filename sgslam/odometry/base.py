@@ -1,50 +1,27 @@
-"""The protocol of an odometry: it takes a scan and returns where it was taken, in a frame that never jumps.
+"""The protocol of an odometry of others, which gives a pose for each scan, and what the adapters of them share."""
 
-Poses that an external odometry gives do not need it: see `sgslam.odometry.given`.
-"""
-
-from collections.abc import Mapping
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.registration import Registration
+from sgslam.registration import Motion
+from sgslam.registration.motion_prior import moved_on, velocity_between
 
 Floats = NDArray[np.float64]
-State = Mapping[str, Any]
+State = dict[str, Any]
+_SHORTEST = 1e-3  # s; a shorter scan is a snapshot
 
 
 class Odometry(Protocol):
-    """Anything that tracks the sensor from scan to scan. The frame `odom` is the frame of its first pose.
+    """Anything that locates the sensor scan by scan, in one frame. The stamps increase, and no scan comes twice.
 
-    The stamps increase. Where the sensor was carried elsewhere, a run restores the state from before the first scan,
-    and registers the scans since then again: another frame `odom` begins. One without a state goes on instead.
+    A run takes its poses as it takes those of a file: see `GivenMotion`.
     """
 
-    @property
-    def residual(self) -> float:
-        """The mean distance of the newest scans' points from the local map, in a unit that the odometry chooses;
-        infinite if unknown."""
-        ...
-
-    def register(self, stamp_ns: int, points: Floats, point_times: Floats | None = None) -> Registration:
-        """Registers the points (N, 3), N >= 0, of one scan in the sensor frame, measured `point_times` (N,) seconds
-        after its stamp (None if unknown)."""
-        ...
-
-    def level(self, up_in_odom: Floats) -> None:
-        """Sets the direction of gravity (3,) in `odom`, once it is known."""
-        ...
-
-    def look_back(self, results: list[Registration]) -> list[Registration]:
-        """Returns the results of all scans so far, with the first ones registered again, as these had hardly any map
-        before. To be called once, after some seconds."""
-        ...
-
-    def rejoin(self, other: "Odometry") -> bool:
-        """Tries to register the scan that `other` registered last near the place where the sensor was lost, and
-        continues from there. Returns whether it fits."""
+    def locate(self, stamp_ns: int, points: Floats, point_times: Floats | None = None) -> Floats:
+        """T_odom_sensor (4, 4) at the stamp of a scan, of its points (N, 3), N >= 1, in the sensor frame, measured
+        `point_times` (N,) seconds after the stamp (None if unknown)."""
         ...
 
     def state(self) -> dict[str, Any]:
@@ -52,5 +29,36 @@ class Odometry(Protocol):
         ...
 
     def restore(self, state: State) -> None:
-        """Restores what `state` returned; nothing remains of scans that were registered since."""
+        """Restores what `state` returned."""
         ...
+
+
+def steady_motion(T_odom_sensor: Floats, velocity: Floats, at: float, point_times: Floats | None) -> Motion:
+    """The motion during a scan with a steady velocity (6,), and the pose (4, 4) `at` seconds after its stamp."""
+    if is_snapshot(point_times):
+        return Motion(np.zeros(1), np.asarray(moved_on(T_odom_sensor, velocity, -at))[None])
+    assert point_times is not None
+    seconds = np.array([point_times.min(), point_times.max()])
+    return Motion(seconds, np.stack([moved_on(T_odom_sensor, velocity, s - at) for s in seconds]))
+
+
+def is_snapshot(point_times: Floats | None) -> bool:
+    """Whether all points of a scan are of one instant, or their times (N,) are unknown."""
+    return point_times is None or len(point_times) < 2 or bool(np.ptp(point_times) < _SHORTEST)
+
+
+def end_of(point_times: Floats | None) -> float:
+    """Seconds from a scan's stamp to its last point; 0 where the points have no times."""
+    return 0.0 if point_times is None or not len(point_times) else float(point_times.max())
+
+
+def seconds_since(before_ns: int | None, ended_ns: int) -> float:
+    """From the end of the scan before to that of a scan; 0 for the first one, at least a millisecond for any other."""
+    return 0.0 if before_ns is None else max((ended_ns - before_ns) / 1e9, _SHORTEST)
+
+
+def at_stamp(T_before: Floats, T_end: Floats, seconds: float, end: float) -> Floats:
+    """(4, 4) the pose at a scan's stamp, `end` seconds before its end at `T_end`, of a sensor that moved there steadily
+    from `T_before` in so many seconds; of the first scan that at its end."""
+    velocity = velocity_between(T_before, T_end, seconds) if seconds else np.zeros(6)
+    return np.asarray(moved_on(T_end, velocity, -end))

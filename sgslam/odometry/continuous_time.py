@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import inverse, transform_points
 from sgslam.inertial import NO_TURNS, Changes, MeasuredMotion, no_changes
-from sgslam.odometry.base import Odometry, State
+from sgslam.odometry.base import State
 from sgslam.odometry.given_motion import GivenMotion
 from sgslam.registration import Health, Motion, Registration
 from sgslam.registration.attempts import best_attempt
@@ -20,9 +20,10 @@ from sgslam.registration.beliefs import Belief, MotionModel
 from sgslam.registration.free_space import shares_seen_through
 from sgslam.registration.health import judged
 from sgslam.registration.motion_prior import NO_STEPS, moved_on
+from sgslam.registration.points import UNKNOWN, Weights
 from sgslam.registration.relocation import likely_poses
 from sgslam.registration.sampling import TimedPoints, thinned
-from sgslam.registration.window import Solved, Weights, solve, window_knots
+from sgslam.registration.window import Solved, Window, solve, window_knots
 from sgslam.surfels import SurfelMap
 
 Floats = NDArray[np.float64]
@@ -83,14 +84,15 @@ class ContinuousTimeOdometry:
         return self._map.surfels()
 
     def level(self, up_in_odom: Floats) -> None:
-        """See `Odometry.level`."""
+        """Sets the direction of gravity (3,) in `odom`, once it is known."""
         if self._beliefs:  # the sensor is as far from its usual height as before
             self._height += float((up_in_odom - self._model.up) @ self._beliefs[-1].T[:3, 3])
         self._up = up_in_odom
         self._model.level(up_in_odom)
 
     def register(self, stamp_ns: int, points: Floats, point_times: Floats | None = None) -> Registration:
-        """See `Odometry.register`."""
+        """Registers the points (N, 3), N >= 0, of one scan in the sensor frame, measured `point_times` (N,) seconds
+        after its stamp (None if unknown)."""
         if self._first_ns is None:
             self._first_ns = stamp_ns
             if self._imu is not None:
@@ -109,7 +111,7 @@ class ContinuousTimeOdometry:
         motion = Motion(scan.knot_seconds - began, found.knots)
         return Registration(
             motion.at(0.0), found.covariance, found.health, found.share, motion, point_times, found.unconstrained,
-            None if unsteady is None else unsteady.later(-began), is_after_pause,
+            None if unsteady is None else unsteady.later(-began), is_after_pause, scan.later(-began),
         )  # fmt: skip
 
     def _found(self, scan: TimedPoints, side: float) -> _Found:
@@ -172,12 +174,6 @@ class ContinuousTimeOdometry:
         predicted = np.stack([*known, *self._turned(after, np.stack(moved))[1:]])
         changes = self._changes(belief, seconds, predicted)
         ahead = _pushed(seconds, predicted, len(known), newest.velocity[3:], changes)
-        knot, share = zip(*(scan.between(first) for scan, first in zip(scans, firsts, strict=True)), strict=True)
-        points = np.concatenate([scan.points for scan in scans])
-        prior = self._model.expected(belief, seconds, self._height, changes)
-        newest_point = len(points) - len(scans[-1].points)
-        fixed = prior, self._model.prior, points, np.concatenate(knot), np.concatenate(share), newest_point
-        local = self._map.arrays, self._way - settings.local_map
         turns = NO_TURNS if self._imu is None else self._imu.turns(seconds)
         steps, given = NO_STEPS, None
         if self._given is not None and self._first_ns is not None:
@@ -185,9 +181,16 @@ class ContinuousTimeOdometry:
             if self._is_given(after[0], after[-1]):
                 given = list(self._given.moved(self._first_ns, known[-1], after[0], after[1:]))
 
+        window = Window(
+            np.concatenate([scan.points for scan in scans]), np.concatenate([scan.seconds for scan in scans]),
+            np.concatenate([scan.plane_of for scan in scans]), np.cumsum([0, *(len(scan.points) for scan in scans)]),
+            np.array(firsts), np.array([len(scan.knot_seconds) for scan in scans]), seconds,
+            self._model.expected(belief, seconds, self._height, changes), self._model.prior, turns, changes, steps,
+            self._map.arrays, self._way - settings.local_map, self._weights,
+        )  # fmt: skip
+
         def attempt(guess: list[Floats], kernel: float, iterations: int) -> Solved:
-            weights = self._weights._replace(iterations=iterations)
-            return solve(seconds, np.stack([*known, *guess]), *fixed, *local, kernel, weights, turns, changes, steps)
+            return solve(window, np.stack([*known, *guess]), kernel, iterations)
 
         velocity_known = bool((changes.information[len(known) - 1 :] > 0).all())
         stopped = None if velocity_known else list(self._turned(after, np.stack([known[-1]] * len(after))))[1:]
@@ -244,7 +247,8 @@ class ContinuousTimeOdometry:
             later = Changes(changes.values[before:], changes.information[before:])
             self._imu.follow(solved.seconds[before:], solved.knots[before:], later)
         self._beliefs = [self._beliefs[-1].smoothed(solved, before), Belief.of(solved)]
-        self._older, self._older_knots, self.residual = scan, knots, solved.residual
+        self._older, self._older_knots = replace(scan, plane_of=solved.plane_of), knots
+        self.residual = solved.residual
         follow = 1 - np.exp(-interval / self._settings.sway_memory)
         self._height += follow * (float(self._model.up @ knots[-1, :3, 3]) - self._height)
         weight = max(1 - np.exp(-interval / self._settings.usual_memory), 1 / self._scans)
@@ -261,7 +265,7 @@ class ContinuousTimeOdometry:
             return False
         points = Motion(scan.knot_seconds, knots).placed(scan.points, scan.seconds)
         oldest = self._way - settings.local_map
-        of_rays, of_surfaces = shares_seen_through(points, knots[0, :3, 3].copy(), self._map.arrays, oldest)
+        of_rays, of_surfaces = shares_seen_through(points, knots[0, :3, 3], self._map.arrays, oldest)
         return of_rays > _MOST_RAYS or of_surfaces > settings.seen_through
 
     def _lose(self, scan: TimedPoints, share: float) -> _Found:
@@ -295,8 +299,9 @@ class ContinuousTimeOdometry:
         return replace(belief, T=knots[-1], covariance=covariance), knots
 
     def look_back(self, results: list[Registration]) -> list[Registration]:
-        """See `Odometry.look_back`: the later scans are the map, and the first ones are registered to it from the last
-        of them to the first."""
+        """Returns the results of all scans so far, with the first ones registered again, as these had hardly any map
+        before: the later scans are the map, and they are registered to it from the last of them to the first. To be
+        called once, after some seconds."""
         early, self._early = self._early, None
         if early is None or len(early) != len(results) or any(result.health == "lost" for result in results):
             return results
@@ -333,13 +338,15 @@ class ContinuousTimeOdometry:
         self._map = back._map
         return [*again[::-1], *results[count:]]
 
-    def rejoin(self, other: Odometry) -> bool:
-        """See `Odometry.rejoin`."""
-        if not isinstance(other, ContinuousTimeOdometry) or other._older is None or self._up is None:
+    def rejoin(self, other: "ContinuousTimeOdometry") -> bool:
+        """Tries to register the scan that `other` registered last near the place where the sensor was lost, and
+        continues from there. Returns whether it fits."""
+        if other._older is None or self._up is None:
             return False
         assert self._first_ns is not None and other._first_ns is not None
         lost = self._beliefs
-        scan = other._older.later((other._first_ns - self._first_ns) / 1e9)
+        unknown = np.full_like(other._older.plane_of, UNKNOWN)  # in this map
+        scan = replace(other._older, plane_of=unknown).later((other._first_ns - self._first_ns) / 1e9)
         found = []
         for T_odom_other in self._likely_poses(other, scan):
             begin, velocity = other._beliefs[-2], np.kron(np.eye(2), T_odom_other[:3, :3]) @ other._beliefs[-1].velocity
@@ -363,17 +370,16 @@ class ContinuousTimeOdometry:
 
     def _add(self, scan: TimedPoints, knots: Floats) -> None:
         """Adds a scan to the map."""
-        motion = Motion(scan.knot_seconds, knots)
-        points = motion.placed(scan.points, scan.seconds)
-        self._map.add(points, motion.rays(points, scan.seconds), self._way, self._settings.local_map)
+        seen = Motion(scan.knot_seconds, knots).seen(scan.points, scan.seconds)
+        self._map.add(*seen, self._way, self._settings.local_map)
 
     def state(self) -> dict[str, Any]:
-        """See `Odometry.state`."""
+        """Returns the state as a tree; another instance with the same settings continues identically."""
         imu = None if self._imu is None else self._imu.state()
         return {"map": self._map.state(), "imu": imu} | {name: getattr(self, name) for name in self._STATE}
 
     def restore(self, state: State) -> None:
-        """See `Odometry.restore`."""
+        """Restores what `state` returned."""
         self._map.restore(state["map"])
         if self._imu is not None:
             self._imu.restore(state["imu"])

@@ -1,51 +1,40 @@
-"""Creates the odometry named in the settings."""
+"""The odometry that the settings or `--odometry` name."""
 
-from functools import partial
+import difflib
+from pathlib import Path
 from typing import get_args
 
-from sgslam.config import OdometrySettings, TrackingSettings
-from sgslam.inertial import ImuBuffer, MeasuredMotion
+from data.common.errors import UserError
+from sgslam.config import Config, OdometrySettings
 from sgslam.odometry.base import Odometry
-from sgslam.odometry.continuous_time import ContinuousTimeOdometry
-from sgslam.odometry.given_motion import GivenMotion
-from sgslam.odometry.timed import TimedOdometry
+from sgslam.odometry.external import ExternalOdometry
 
 METHODS: tuple[str, ...] = get_args(OdometrySettings.model_fields["method"].annotation)
 
-INERTIAL = ("rko_lio", "genz_lio")  # those that need an IMU
 
-
-def make_odometry(
-    odometry: OdometrySettings, tracking: TrackingSettings, imu: ImuBuffer | None = None,
-    given: GivenMotion | None = None,
-) -> Odometry:  # fmt: skip
-    """Creates the odometry of `odometry.method`, which finds out the times of points that are not given as
-    `tracking.point_times` says. Our own takes the motion from an `imu`, where there is one, and that `given` by
-    another system; LiDAR-inertial ones need the former. Raises UserError if it or the library is missing."""
-    return TimedOdometry(partial(_make, odometry, tracking, imu, given), tracking.point_times, tracking.stamp)
-
-
-def _make(
-    odometry: OdometrySettings, tracking: TrackingSettings, imu: ImuBuffer | None, given: GivenMotion | None
-) -> Odometry:
-    if odometry.method == "small_gicp":
-        from sgslam.odometry.small_gicp import SmallGicpOdometry
-
-        return SmallGicpOdometry(odometry)
-    if odometry.method == "kiss":
+def make_odometry(config: Config) -> Odometry | None:
+    """The odometry of others that is named in the settings; None for our own."""
+    if config.odometry.method == "kiss":
         from sgslam.odometry.kiss import KissOdometry
 
-        return KissOdometry(odometry)
-    if odometry.method in INERTIAL:
-        return _lidar_inertial(odometry, imu)
-    return ContinuousTimeOdometry(tracking, None if imu is None else MeasuredMotion(imu), given)
+        return KissOdometry(config.odometry, config.tracking)
+    if config.odometry.method == "small_gicp":
+        from sgslam.odometry.small_gicp import SmallGicpOdometry
+
+        return SmallGicpOdometry(config.tracking)
+    return None
 
 
-def _lidar_inertial(odometry: OdometrySettings, imu: ImuBuffer | None) -> Odometry:
-    from sgslam.odometry.lidar_inertial.adapter import LidarInertialOdometry
-    from sgslam.odometry.lidar_inertial.genz_lio import GenzLio
-    from sgslam.odometry.lidar_inertial.library import imported
-    from sgslam.odometry.lidar_inertial.rko_lio import RkoLio
+def choose(value: str, config: Config) -> tuple[Config, ExternalOdometry | None]:
+    """The settings with the method `value`, or the odometry of the TUM file `value`.
 
-    imported(odometry.method)
-    return LidarInertialOdometry(odometry, imu, partial(RkoLio if odometry.method == "rko_lio" else GenzLio, odometry))
+    Raises UserError if it is neither, or the file cannot be read.
+    """
+    if value in METHODS:
+        return config.model_copy(update={"odometry": config.odometry.model_copy(update={"method": value})}), None
+    path = Path(value)
+    if path.exists():
+        return config, ExternalOdometry.read(path)
+    near = difflib.get_close_matches(value, METHODS, 1, 0.5)
+    hint = f"did you mean {near[0]}?" if near else f"give {', '.join(METHODS)}, or a TUM file"
+    raise UserError(f"--odometry {value}: no such file, and no such method; {hint}")

@@ -1,5 +1,6 @@
-"""Poses that another system gives, as measurements of the motion from scan to scan."""
+"""Poses that another system gives: taken as they are, or as measurements of the motion from scan to scan."""
 
+import logging
 from bisect import bisect_left, bisect_right
 
 import numpy as np
@@ -7,33 +8,44 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from sgslam.config import OdometrySettings
-from sgslam.geometry.frames import inverse
+from sgslam.geometry.frames import inverse, squared_up
+from sgslam.odometry.base import steady_motion
+from sgslam.registration import Registration
 from sgslam.registration.motion_prior import Steps, moved_on, velocity_between
 from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
+_log = logging.getLogger(__name__)
 _NS = 10**9
 _GAP_NS = _NS  # a longer step does not tell how the sensor moved within it
 _BEYOND = 0.1  # of a step: so far before the first pose and after the last, the motion still counts as measured
 _KEPT_NS = 300 * _NS  # longer than one waits for a lost sensor
 _LEAST = 1e-6  # of the usual variance, the least that is believed
+_EXACT = 1e-8  # rad2 and m2, of a pose that is taken as it is; what its steps err is for the map to say
+_SHORTEST = 0.1  # s; the velocity of a shorter step is that of its error
 
 
 class GivenMotion(Stateful):
     """The newest given poses; between two of them the motion is taken as steady.
 
-    Only the motion counts, not where the poses are: a drift of metres does not matter. Times are in seconds after a
-    stamp `first_ns`.
+    Only the motion counts, not where the poses are: a drift of metres does not matter. A step is an outlier if its
+    velocity differs too much from that of the newest step that was none, and from that of the step before, as given:
+    where the poses go on from elsewhere, that step alone is one. The motion goes on steadily in its place, and the
+    frame is that of the poses before. Times are in seconds after a stamp `first_ns`.
     """
 
-    _STATE = ("_stamps_ns", "_poses", "_variances")
+    _STATE = ("_stamps_ns", "_poses", "_variances", "_T_first_given", "_velocity", "_step", "_is_outlier", "_warned")
 
     def __init__(self, settings: OdometrySettings) -> None:
         self._usual = np.array([settings.given_sigma_rotation, settings.given_sigma_translation]) ** 2
+        self._limits = np.array([settings.outlier_turn_rate, settings.outlier_speed])
         self._direction = 1
         self._stamps_ns: list[int] = []
-        self._poses: list[Floats] = []  # T_given_sensor (4, 4)
+        self._poses: list[Floats] = []  # T_first_sensor (4, 4), in the frame of the first poses
         self._variances: list[Floats] = []  # of the step to each pose (2,): of an angle, rad2, and of a coordinate, m2
+        self._T_first_given = np.eye(4)
+        self._velocity, self._step = np.zeros(6), np.zeros(6)  # of the newest step that was no outlier, and of any
+        self._is_outlier, self._warned = False, False  # the former: the newest step
 
     def add(self, stamp_ns: int, T_given_sensor: Floats, step_covariance: Floats | None = None) -> None:
         """Adds a pose (4, 4), later than all before; `step_covariance` (6, 6) is that of the motion since the one
@@ -42,12 +54,49 @@ class GivenMotion(Stateful):
         if step_covariance is not None:
             known = np.array([np.trace(step_covariance[:3, :3]), np.trace(step_covariance[3:, 3:])]) / 3
             variance = np.maximum(known, _LEAST * self._usual)
+        pose = self._T_first_given @ T_given_sensor
+        if self._poses:
+            seconds = (stamp_ns - self._stamps_ns[-1]) / _NS
+            before, self._step = self._step, np.asarray(velocity_between(self._poses[-1], pose, seconds))
+            share = min(seconds / _SHORTEST, 1.0)
+            self._is_outlier = all(self._differs(share * (self._step - known)) for known in (self._velocity, before))
+            if self._is_outlier:
+                self._warn(stamp_ns, seconds)
+                pose = np.asarray(moved_on(self._poses[-1], self._velocity, seconds))
+                variance = (self._limits * seconds) ** 2
+                self._T_first_given = squared_up(pose @ inverse(T_given_sensor))
+            else:
+                self._velocity = self._step
         self._stamps_ns.append(stamp_ns)
-        self._poses.append(np.array(T_given_sensor, np.float64))
+        self._poses.append(pose)
         self._variances.append(variance)
         old = bisect_left(self._stamps_ns, stamp_ns - _KEPT_NS)
         for values in (self._stamps_ns, self._poses, self._variances):
             del values[:old]  # type: ignore[attr-defined]
+
+    def _differs(self, velocity: Floats) -> bool:
+        """Whether a difference (6,) of velocities is more than any that a carrier makes."""
+        turn_rate, speed = np.linalg.norm(velocity.reshape(2, 3), axis=1)
+        return bool(turn_rate > self._limits[0] or speed > self._limits[1])
+
+    def _warn(self, stamp_ns: int, seconds: float) -> None:
+        """Warns of the first outlier."""
+        if not self._warned:
+            turn, metres = seconds * np.linalg.norm(self._step.reshape(2, 3), axis=1)
+            _log.warning(
+                "the given poses have a step of %.2f m and %.0f degrees at %.3f s, an outlier; such steps are ignored "
+                "(reported once)", metres, np.degrees(turn), stamp_ns / _NS,
+            )  # fmt: skip
+            self._warned = True
+
+    def newest(self, point_times: Floats | None) -> Registration:
+        """The registration of the scan of the newest pose, which is taken as it is; the scan is lost where the step to
+        it is an outlier. Its points were measured `point_times` (N,) seconds after its stamp."""
+        motion = steady_motion(self._poses[-1], self._velocity, 0.0, point_times)
+        if self._is_outlier:
+            covariance = np.diag(np.repeat(self._variances[-1], 3))
+            return Registration(self._poses[-1], covariance, "lost", 0.0, motion, point_times)
+        return Registration(self._poses[-1], _EXACT * np.eye(6), "good", 1.0, motion, point_times)
 
     def turned(self, begin_ns: int, end_ns: int) -> tuple[NDArray[np.int64], Floats] | None:
         """The stamps (N,) of the poses from before a time to after another, and the sum (N, 3) of all turns until each,

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from data.scans.point_times import BEFORE_STAMP, Stamped
 from sgslam.geometry.frames import inverse, squared_up
-from sgslam.odometry.base import Odometry, State
+from sgslam.odometry.base import State
+from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.perception.point_times import Rule, even_times, guessed_times
 from sgslam.registration import Motion, Registration
 from sgslam.registration.motion_prior import velocity_between
@@ -29,7 +30,7 @@ _WITHOUT_ORDER = 20  # so many more scans whose points' order says nothing than 
 
 
 class TimedOdometry:
-    """An odometry for scans with point times, given or not.
+    """Our own odometry for scans with point times, given or not.
 
     Where they are not given, two odometries run side by side until the motion decides: one takes scans as snapshots,
     one with times guessed from the order of their points. The right one finds more points, nearer to its surfaces.
@@ -37,7 +38,9 @@ class TimedOdometry:
     are all replaced by those of the other one. All points of a snapshot are of the instant `stamped`.
     """
 
-    def __init__(self, make: Callable[[], Odometry], point_times: Kinds, stamped: Stamped = "auto") -> None:
+    def __init__(
+        self, make: Callable[[], ContinuousTimeOdometry], point_times: Kinds, stamped: Stamped = "auto"
+    ) -> None:
         self._make, self._before_stamp = make, BEFORE_STAMP[stamped]
         kinds: tuple[Kind, ...] = ("snapshot", "order") if point_times == "auto" else (point_times,)
         self._odometries = {kind: make() for kind in kinds}
@@ -50,11 +53,6 @@ class TimedOdometry:
         self._rule: Rule | None = None  # which the points' order has followed so far
         self._shift = np.eye(4)  # from the frame of the best odometry to that of the results
         self._held: dict[Kind, list[Registration]] | None = None  # the results of all scans so far, held back
-
-    @property
-    def residual(self) -> float:
-        """See `Odometry.residual`."""
-        return self._odometries[self._best].residual
 
     @property
     def kind(self) -> Kind | None:
@@ -76,12 +74,8 @@ class TimedOdometry:
         seen = {kind: self._odometries[kind].look_back(held[kind]) for kind in self._odometries if kind in held}
         return seen.get(self._best, [])
 
-    def look_back(self, results: list[Registration]) -> list[Registration]:
-        """See `Odometry.look_back`: done when results are released."""
-        return results
-
     def register(self, stamp_ns: int, points: Floats, point_times: Floats | None = None) -> Registration:
-        """See `Odometry.register`."""
+        """See `ContinuousTimeOdometry.register`."""
         interval_s = 0.0 if self._last_ns is None else (stamp_ns - self._last_ns) / 1e9
         self._last_ns = stamp_ns
         if interval_s > 0:
@@ -112,15 +106,14 @@ class TimedOdometry:
         return self._guessed(points)[0] if point_times is None and self._best == "order" else point_times
 
     def level(self, up_in_odom: Floats) -> None:
-        """See `Odometry.level`."""
+        """See `ContinuousTimeOdometry.level`."""
         for kind, odometry in self._odometries.items():
             R_own_odom = self._shift[:3, :3].T if kind == self._best else np.eye(3)
             odometry.level(R_own_odom @ up_in_odom)
 
-    def rejoin(self, other: Odometry) -> bool:
-        """See `Odometry.rejoin`."""
-        theirs = other._odometries[other._best] if isinstance(other, TimedOdometry) else other
-        return self._odometries[self._best].rejoin(theirs)
+    def rejoin(self, other: "TimedOdometry") -> bool:
+        """See `ContinuousTimeOdometry.rejoin`."""
+        return self._odometries[self._best].rejoin(other._odometries[other._best])
 
     def _compare(self, results: dict[Kind, Registration], is_ordered: bool, interval_s: float) -> None:
         """Adds the evidence of a scan, changes to the better odometry, and drops the other one where it is clear."""
@@ -178,7 +171,7 @@ class TimedOdometry:
         _log.info("the points of the scans have no times; they are taken as %s", what)
 
     def state(self) -> dict[str, Any]:
-        """See `Odometry.state`."""
+        """See `ContinuousTimeOdometry.state`."""
         return {
             "odometries": {kind: odometry.state() for kind, odometry in self._odometries.items()}, "best": self._best,
             "evidence": self._evidence, "without_order": self._without_order, "last": dict(self._last),
@@ -187,7 +180,7 @@ class TimedOdometry:
         }  # fmt: skip
 
     def restore(self, state: State) -> None:
-        """See `Odometry.restore`."""
+        """See `ContinuousTimeOdometry.restore`."""
         self._odometries = {kind: self._make() for kind in state["odometries"]}
         for kind, odometry in self._odometries.items():
             odometry.restore(state["odometries"][kind])

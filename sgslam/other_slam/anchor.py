@@ -12,9 +12,7 @@ from data.common.errors import UserError
 
 _GRAPH = ".g2o"
 # a finished trajectory is taken as it is, also where its poses are metres apart
-_POSES_AS_GIVEN = (
-    "odometry.outlier_distance=1e6", "odometry.outlier_angle=7", "odometry.max_step=1e6", "odometry.max_turn=7",
-)  # fmt: skip
+_POSES_AS_GIVEN = ("odometry.outlier_speed=1e6", "odometry.outlier_turn_rate=1e6")
 _REGISTERED = "odometry.given=measured"  # the scans themselves tell the motion from one to the next better
 _EACH_A_KEYFRAME = "keyframes.scans=1"  # each scan made of a map shows a part of it that no other shows
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
-from sgslam.surfels.cells import key_of
+from sgslam.surfels.cells import cell_of, key_of
 from sgslam.surfels.search import FOLLOWED, Surfels, is_met_in
 
 Floats = NDArray[np.float64]
@@ -22,19 +22,19 @@ def shares_seen_through(points: Floats, sensor: Floats, surfels: Surfels, oldest
 
     Where a person stood whom the sensor now passes, a third of its rays pass through a single surface.
     """
-    u, rays, passed = np.empty(3), 0, 0
+    rays, passed, (x, y, z) = 0, 0, (sensor[0], sensor[1], sensor[2])
     ends, through = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
     for p in range(0, len(points), _EVERY):
-        u[:] = points[p] - sensor
-        length = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
-        u /= length
-        ends[rays] = key_of(points[p, 0], points[p, 1], points[p, 2], FOLLOWED)
+        dx, dy, dz = points[p, 0] - x, points[p, 1] - y, points[p, 2] - z
+        length = math.sqrt(dx * dx + dy * dy + dz * dz)
+        ray = (dx / length, dy / length, dz / length)
+        ends[rays] = key_of(cell_of(points[p, 0], points[p, 1], points[p, 2]), FOLLOWED)
         rays += 1
         at = _STEP
         while at < length - _BEFORE:
-            key = key_of(sensor[0] + at * u[0], sensor[1] + at * u[1], sensor[2] + at * u[2], FOLLOWED)
-            if is_met_in(key, sensor, u, length - _BEFORE, surfels, oldest):
-                through[passed] = key
+            cell = cell_of(x + at * ray[0], y + at * ray[1], z + at * ray[2])
+            if is_met_in(cell, (x, y, z), ray, length - _BEFORE, surfels, oldest):
+                through[passed] = key_of(cell, FOLLOWED)
                 passed += 1
                 break
             at += _STEP

@@ -43,16 +43,21 @@ def likely_poses(
 @compiled
 def _scores(poses: Floats, points: Floats, surfels: Surfels, oldest: float) -> Floats:
     """How many points have a plane in reach, for each pose (P, 4, 4)."""
-    scores, point, normal, sensor = np.zeros(len(poses)), np.empty(3), np.empty(3), np.empty(3)
+    scores = np.zeros(len(poses))
     for n in range(len(poses)):
         T = poses[n]
-        for i in range(3):
-            sensor[i] = T[i, 3]
         for p in range(len(points)):
             q = points[p]
-            for i in range(3):
-                point[i] = T[i, 0] * q[0] + T[i, 1] * q[1] + T[i, 2] * q[2] + T[i, 3]
-                normal[i] = T[i, 0] * q[3] + T[i, 1] * q[4] + T[i, 2] * q[5]
-            if nearest_plane(point, sensor, normal, _OFF, _OFF, surfels, oldest) >= 0:
-                scores[n] += 1
+            point = (
+                T[0, 0] * q[0] + T[0, 1] * q[1] + T[0, 2] * q[2] + T[0, 3],
+                T[1, 0] * q[0] + T[1, 1] * q[1] + T[1, 2] * q[2] + T[1, 3],
+                T[2, 0] * q[0] + T[2, 1] * q[1] + T[2, 2] * q[2] + T[2, 3],
+            )
+            normal = (
+                T[0, 0] * q[3] + T[0, 1] * q[4] + T[0, 2] * q[5],
+                T[1, 0] * q[3] + T[1, 1] * q[4] + T[1, 2] * q[5],
+                T[2, 0] * q[3] + T[2, 1] * q[4] + T[2, 2] * q[5],
+            )
+            sensor = (T[0, 3], T[1, 3], T[2, 3])
+            scores[n] += nearest_plane(point, sensor, normal, _OFF, _OFF, surfels, oldest) > 0
     return scores

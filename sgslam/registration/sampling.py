@@ -8,16 +8,19 @@ from numpy.typing import NDArray
 
 from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
-from sgslam.geometry.normal_equations import eigen
+from sgslam.geometry.normal_equations import principal_axes
 from sgslam.inertial import UnsteadyTurn
+from sgslam.registration.points import UNKNOWN
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Ints32 = NDArray[np.int32]
 _FIRST_SIDE, _FINEST_SIDE = 0.03, 0.05  # m between the points that are used: in the first scan, and least
 _PATCH = 0.25  # m, of the cells whose points show the normal of a scan's surface
 _LEAST = 8  # points of such a cell
 _FLAT = 4.0  # times the variance across, that along a surface in its narrower direction at least
 _NOISE = 0.02  # m, standard deviation of a range: by it alone, the points of one ring spread along their rays
+_HALF = 2.0**20  # cells, so that no index is negative
 _SHORTEST = 1e-3  # s; a shorter scan is a snapshot
 
 
@@ -27,35 +30,27 @@ class TimedPoints:
 
     Their first three columns are places, the others normals of the scan's surfaces there; zero where it shows none.
 
-    `knot_seconds` (K,) divide the scan into pieces of steady motion; one knot for a snapshot.
+    `knot_seconds` (K,) divide the scan into pieces of steady motion; one knot for a snapshot. `plane_of` (N,) are the
+    surfels of the local map that the points lie on, as far as known.
     """
 
     points: Floats
     seconds: Floats
     knot_seconds: Floats
+    plane_of: Ints32
 
     def later(self, seconds: float) -> "TimedPoints":
         """The same points, measured so many seconds later."""
-        return TimedPoints(self.points, self.seconds + seconds, self.knot_seconds + seconds)
+        return TimedPoints(self.points, self.seconds + seconds, self.knot_seconds + seconds, self.plane_of)
 
     def reversed(self) -> "TimedPoints":
         """The same points, as time runs backwards."""
-        return TimedPoints(self.points, -self.seconds, -self.knot_seconds[::-1])
+        return TimedPoints(self.points, -self.seconds, -self.knot_seconds[::-1], self.plane_of)
 
     def steadied(self, turn: UnsteadyTurn) -> "TimedPoints":
         """The same points, of a sensor that turns steadily between the knots."""
         parts = [turn.steadied(own, self.seconds) for own in np.hsplit(self.points, 2)]
-        return TimedPoints(np.hstack(parts), self.seconds, self.knot_seconds)
-
-    def between(self, first: int) -> tuple[Ints, Floats]:
-        """The knot (N,) before each point, the scan's first one being number `first`, and the share (N,) of the way
-        to the next one."""
-        if len(self.knot_seconds) == 1:
-            return np.full(len(self.points), first), np.zeros(len(self.points))
-        begin, pieces = self.knot_seconds[0], len(self.knot_seconds) - 1
-        at = (self.seconds - begin) * pieces / (self.knot_seconds[-1] - begin)
-        knot = np.clip(at.astype(np.int64), 0, pieces - 1)
-        return knot + first, at - knot
+        return TimedPoints(np.hstack(parts), self.seconds, self.knot_seconds, self.plane_of)
 
 
 def thinned(
@@ -66,88 +61,94 @@ def thinned(
     The spacing `side` (m) follows the scans: returns that of the next one. 0 for the first scan.
     """
     side = side or _FIRST_SIDE
-    own = one_a_cell(points, side, settings.min_range, settings.max_range)
-    chosen = np.hstack([points.take(own, axis=0), normals_at(points, own, _PATCH)])
+    own, patch_of, patches = _cells(points, side, settings.min_range, settings.max_range, _PATCH)
+    chosen = np.hstack([points.take(own, axis=0), _normals(patches).take(patch_of, axis=0)])
+    unknown = np.full(len(own), UNKNOWN, np.int32)
     if len(own) > 1.25 * settings.points:
         side *= 1.1
     elif len(own) < 0.8 * settings.points:
         side = max(side / 1.1, _FINEST_SIDE)
-    if point_times is None or np.ptp(point_times) < _SHORTEST:
+    first, last = (0.0, 0.0) if point_times is None else (float(point_times.min()), float(point_times.max()))
+    if point_times is None or last - first < _SHORTEST:
         at = began if point_times is None else began + float(np.mean(point_times))
-        return TimedPoints(chosen, np.full(len(own), at), np.array([at])), side
-    low, high = began + float(point_times.min()), began + float(point_times.max())
-    pieces = math.ceil((high - low) / settings.knot_interval - 1e-3)
-    return TimedPoints(chosen, began + point_times[own], np.linspace(low, high, pieces + 1)), side
+        return TimedPoints(chosen, np.full(len(own), at), np.array([at]), unknown), side
+    pieces = math.ceil((last - first) / settings.knot_interval - 1e-3)
+    knots = np.linspace(began + first, began + last, pieces + 1)
+    return TimedPoints(chosen, began + point_times[own], knots, unknown), side
 
 
-@compiled
-def one_a_cell(points: Floats, side: float, nearest: float, farthest: float) -> NDArray[np.int64]:
+def one_a_cell(points: Floats, side: float, nearest: float, farthest: float) -> Ints:
     """The indices of the first of points (N, 3) in each cell of `side` (m), between two ranges (m)."""
-    size = 1
-    while size < 2 * len(points):
-        size *= 2
-    keys, chosen, count = np.full(size, -1, np.int64), np.empty(len(points), np.int64), 0
-    for p in range(len(points)):
-        x, y, z = points[p, 0], points[p, 1], points[p, 2]
-        away = x * x + y * y + z * z
-        if away < nearest * nearest or away > farthest * farthest:
-            continue
-        i, j, k = math.floor(x / side) + 1048576, math.floor(y / side) + 1048576, math.floor(z / side) + 1048576
-        key = (((i << 21) | j) << 21) | k
-        place = ((key * 0x9E3779B97F4A7C1) >> 21) & (size - 1)
-        while keys[place] != -1 and keys[place] != key:
-            place = (place + 1) & (size - 1)
-        if keys[place] == -1:
-            keys[place] = key
-            chosen[count] = p
-            count += 1
-    return chosen[:count]
+    chosen: Ints = _cells(points, side, nearest, farthest, 0.0)[0]
+    return chosen
 
 
 @compiled
-def normals_at(points: Floats, chosen: Ints, side: float) -> Floats:
-    """(M, 3) unit normals, of either sign, of a scan's surfaces at the chosen ones (M,) of its points (N, 3).
+def _cells(points: Floats, side: float, nearest: float, farthest: float, patch: float) -> tuple[Ints, Ints, Floats]:
+    """As `one_a_cell` (M,); for each of these points the patch (M,) around it, a cell of side `patch` (m), and of each
+    patch (P, 10) the number of all points in it, and the sums of x, y, z, xx, xy, xz, yy, yz and zz.
 
-    They are those of all points in the same cell; zero where these are few, or not on one plane.
+    Without patches where their side is 0.
     """
-    size = 1
+    size, count, patches, per_side, per_patch = 1, 0, 0, 1 / side, 1 / patch
     while size < 2 * len(points):
         size *= 2
-    keys, sums, slots = np.full(size, -1, np.int64), np.zeros((size, 10)), np.empty(len(points), np.int64)
+    table, keys, chosen = np.zeros(size, np.int32), np.empty(len(points), np.int64), np.empty(len(points), np.int64)
+    of_patch, patch_keys = np.zeros(size if patch > 0 else 1, np.int32), np.empty(len(points), np.int64)
+    sums, patch_of = np.empty((len(points), 10)), np.zeros(len(points), np.int64)
     for p in range(len(points)):
         x, y, z = points[p, 0], points[p, 1], points[p, 2]
-        i, j, k = math.floor(x / side) + 1048576, math.floor(y / side) + 1048576, math.floor(z / side) + 1048576
-        key = (((i << 21) | j) << 21) | k
-        place = ((key * 0x9E3779B97F4A7C1) >> 21) & (size - 1)
-        while keys[place] != -1 and keys[place] != key:
-            place = (place + 1) & (size - 1)
-        keys[place] = key
-        slots[p] = place
-        own = sums[place]
-        own[0] += 1
-        own[1] += x
-        own[2] += y
-        own[3] += z
-        own[4] += x * x
-        own[5] += x * y
-        own[6] += x * z
-        own[7] += y * y
-        own[8] += y * z
-        own[9] += z * z
-    found, normals, C = np.zeros((size, 4)), np.zeros((len(chosen), 3)), np.empty((3, 3))
-    for m in range(len(chosen)):
-        place = slots[chosen[m]]
-        own, n = sums[place], sums[place, 0]
-        if found[place, 3] == 0.0:
-            found[place, 3] = 1.0
-            if n >= _LEAST:
-                at = 4
-                for i in range(3):
-                    for j in range(i, 3):
-                        C[i, j] = C[j, i] = own[at] / n - own[1 + i] * own[1 + j] / (n * n)
-                        at += 1
-                values, axes = eigen(C)
-                if values[1] > _FLAT * max(values[0], _NOISE**2):
-                    found[place, :3] = axes[:, 0]
-        normals[m] = found[place, :3]
+        number = 0
+        if patch > 0:
+            number = _number_of(x * per_patch, y * per_patch, z * per_patch, of_patch, patch_keys, patches)
+            if number == patches:
+                sums[number] = 0.0
+                patches += 1
+            sums[number, 0] += 1
+            sums[number, 1] += x
+            sums[number, 2] += y
+            sums[number, 3] += z
+            sums[number, 4] += x * x
+            sums[number, 5] += x * y
+            sums[number, 6] += x * z
+            sums[number, 7] += y * y
+            sums[number, 8] += y * z
+            sums[number, 9] += z * z
+        is_near = nearest * nearest <= x * x + y * y + z * z <= farthest * farthest
+        if is_near and _number_of(x * per_side, y * per_side, z * per_side, table, keys, count) == count:
+            chosen[count], patch_of[count] = p, number
+            count += 1
+    return chosen[:count], patch_of[:count], sums[:patches]
+
+
+@compiled
+def _number_of(x: float, y: float, z: float, table: Ints32, keys: Ints, count: int) -> int:
+    """The number of the cell of side 1 that holds a point; `count`, that of the known cells, for a new one, which is
+    then known by the `keys` of all cells and the hash `table` of their numbers plus one."""
+    i, j, k = int(x + _HALF), int(y + _HALF), int(z + _HALF)
+    key, mask = (((i << 21) | j) << 21) | k, len(table) - 1
+    place = ((key * 0x9E3779B97F4A7C1) >> 21) & mask
+    while table[place] > 0:
+        if keys[table[place] - 1] == key:
+            return int(table[place] - 1)
+        place = (place + 1) & mask
+    table[place], keys[count] = count + 1, key
+    return count
+
+
+@compiled
+def _normals(patches: Floats) -> Floats:
+    """(P, 3) unit normals, of either sign, of the surfaces that patches (P, 10) of a scan's points show; zero where
+    these are few, or not on one plane."""
+    normals = np.zeros((len(patches), 3))
+    for p in range(len(patches)):
+        n = patches[p, 0]
+        if n >= _LEAST:
+            x, y, z = patches[p, 1] / n, patches[p, 2] / n, patches[p, 3] / n
+            values, normal, _ = principal_axes(
+                patches[p, 4] / n - x * x, patches[p, 5] / n - x * y, patches[p, 6] / n - x * z,
+                patches[p, 7] / n - y * y, patches[p, 8] / n - y * z, patches[p, 9] / n - z * z,
+            )  # fmt: skip
+            if values[1] > _FLAT * max(values[0], _NOISE**2):
+                normals[p, 0], normals[p, 1], normals[p, 2] = normal
     return normals

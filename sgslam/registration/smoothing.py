@@ -7,8 +7,6 @@ banded; map and motion are estimated in turns.
 
 import math
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +15,12 @@ from scipy.linalg import solveh_banded
 from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.registration.beliefs import MotionModel
-from sgslam.registration.correspondences import find_planes
 from sgslam.registration.degeneracy import project_out_feigned
 from sgslam.registration.motion_prior import add_height, add_velocities
-from sgslam.registration.point_to_plane import add_points
+from sgslam.registration.points import KERNEL, STRAYED, UNKNOWN, Weights, point_equations
 from sgslam.registration.sampling import TimedPoints
 from sgslam.registration.types import Motion
-from sgslam.registration.window import MotionPrior, Weights, robust_scales, update_knots, window_knots
+from sgslam.registration.window import MotionPrior, update_knots, window_knots
 from sgslam.surfels import SurfelMap, Surfels
 
 Floats = NDArray[np.float64]
@@ -37,14 +34,44 @@ _LEAST = 1e-6  # information about each direction of a knot that nothing measure
 _UNKNOWN = 1.0  # m2, variance of the height of a scan that shows nothing level
 
 
-class _Seen(NamedTuple):
-    """What a scan adds: equations H (6K, 6K), g (6K,) of its knots, its points' median residual (m), and the variance
-    (m2) of its height by its points alone."""
+class _Seen:
+    """What a scan adds: equations H (6K, 6K), g (6K,) of its knots, and the variance (m2) of its height by its points
+    alone. They are kept while its knots have hardly `moved` (m and rad), and its points' planes while they have not
+    `strayed`."""
 
-    H: Floats
-    g: Floats
-    residual: float
-    height_variance: float
+    def __init__(self, scan: TimedPoints) -> None:
+        n = 6 * len(scan.knot_seconds)
+        self.H, self.g, self.F = np.empty((n, n)), np.empty(n), np.empty((6, 6))
+        self.plane_of = np.empty_like(scan.plane_of)
+        self.moved = self.strayed = np.inf
+        self.kernel, self.height_variance = 0.0, _UNKNOWN
+
+    def begin(self, kernel: float) -> None:
+        """Begins with another map, of which no plane is known, and a kernel (m)."""
+        self.moved, self.strayed, self.kernel = np.inf, np.inf, kernel
+
+    def look(self, scan: TimedPoints, knots: Floats, surfels: Surfels, weights: Weights) -> None:
+        """Makes the equations of the scan, its knots at (K, 4, 4), where it has moved since."""
+        error = self.kernel - weights.kernel
+        if error == 0 and self.moved < weights.convergence:
+            return
+        if self.strayed > STRAYED:
+            self.plane_of[:], self.strayed = UNKNOWN, 0.0
+        points = scan.points.astype(np.float64)
+        residual, _, _ = point_equations(
+            points, scan.seconds, scan.knot_seconds, knots, self.plane_of, surfels, -1.0, error, self.kernel, weights,
+            self.H, self.g, self.F,
+        )  # fmt: skip
+        project_out_feigned(self.H, self.g, self.F, weights.feigned)
+        self.moved, self.kernel = 0.0, min(self.kernel, max(weights.kernel, KERNEL * residual))
+        of_all = self.H.reshape(len(knots), 6, len(knots), 6).sum(axis=(0, 2)) + np.eye(6) / _UNKNOWN
+        self.height_variance = float(np.linalg.inv(of_all)[5, 5])
+
+    def follow(self, step: Floats) -> None:
+        """Takes a step (6K,) of the knots into account."""
+        self.g -= self.H @ step
+        size = float(np.max(np.abs(step)))
+        self.moved, self.strayed = self.moved + size, self.strayed + size
 
 
 def smoothed(
@@ -56,22 +83,23 @@ def smoothed(
     """
     seconds, firsts = _knots_of(scans)
     motion = Motion(seconds, np.stack([start.at(second) for second in seconds]))
-    weights, sigmas = Weights.of(settings), np.full(len(scans), settings.sigma_point)
+    weights, seen = Weights.of(settings), [_Seen(scan) for scan in scans]
+    knots_of = [slice(first, first + len(scan.knot_seconds)) for scan, first in zip(scans, firsts, strict=True)]
     # the first pass knows the way; unknown is how a hand sways up and down, as fast as it turns
     model = MotionModel(settings.model_copy(update={"vertical_memory": settings.turn_memory}))
     model.level(_UP)
     for number in range(_MAPS):
-        surfels = _map_of(scans, firsts, motion, is_known).arrays
-        kernel = settings.kernel if number else settings.first_kernel
+        surfels = _map_of(scans, knots_of, motion, is_known).arrays
+        for own in seen:
+            own.begin(settings.kernel if number else settings.first_kernel)
         for _ in range(_ITERATIONS):
-            error = kernel - weights.kernel
-            seen = _look(scans, firsts, motion.knots, surfels, error, kernel, sigmas, weights)
+            _look(seen, scans, [motion.knots[own] for own in knots_of], surfels, weights)
             step = _solved(seen, firsts, motion, model.prior, weights)
             update_knots(motion.knots, step)
             if np.sqrt(np.mean(step**2)) < settings.convergence:
                 break
-            scales = [robust_scales(own.residual, kernel, weights) for own in seen]
-            kernel, sigmas = float(np.median([scale for scale, _ in scales])), np.array([sigma for _, sigma in scales])
+            for own, knots in zip(seen, knots_of, strict=True):
+                own.follow(step[6 * knots.start : 6 * knots.stop])
     return motion
 
 
@@ -84,55 +112,24 @@ def _knots_of(scans: list[TimedPoints]) -> tuple[Floats, list[int]]:
     return seconds, [0, *firsts]
 
 
-def _map_of(scans: list[TimedPoints], firsts: list[int], motion: Motion, is_known: NDArray[np.bool_]) -> SurfelMap:
+def _map_of(scans: list[TimedPoints], knots_of: list[slice], motion: Motion, is_known: NDArray[np.bool_]) -> SurfelMap:
     surfels = SurfelMap()
     for turn in range(_TURNS):
         for i in range(turn, len(scans), _TURNS):
             if is_known[i]:
-                scan, own = scans[i], slice(firsts[i], firsts[i] + len(scans[i].knot_seconds))
-                points = scan.points.astype(np.float64)
-                own_motion = Motion(scan.knot_seconds, motion.knots[own])
-                placed = own_motion.placed(points, scan.seconds)
-                surfels.add(placed, own_motion.rays(placed, scan.seconds), 0.0, 1.0)
+                own = Motion(scans[i].knot_seconds, motion.knots[knots_of[i]])
+                surfels.add(*own.seen(scans[i].points.astype(np.float64), scans[i].seconds), 0.0, 1.0)
     return surfels
 
 
-def _look(
-    scans: list[TimedPoints], firsts: list[int], knots: Floats, surfels: Surfels, error: float, kernel: float,
-    sigmas: Floats, weights: Weights,
-) -> list[_Seen]:  # fmt: skip
-    """What each scan adds, with its knots at (K, 4, 4)."""
-    look = partial(_equations, surfels=surfels, error=error, kernel=kernel, weights=weights)
-    owns = [knots[first : first + len(scan.knot_seconds)] for scan, first in zip(scans, firsts, strict=True)]
+def _look(seen: list[_Seen], scans: list[TimedPoints], knots: list[Floats], surfels: Surfels, weights: Weights) -> None:
+    """Makes the equations of all scans, each with its knots (K, 4, 4)."""
+
+    def look(n: int) -> None:
+        seen[n].look(scans[n], knots[n], surfels, weights)
+
     with ThreadPoolExecutor() as threads:
-        return list(threads.map(look, scans, owns, sigmas))
-
-
-def _equations(
-    scan: TimedPoints, knots: Floats, sigma: float, surfels: Surfels, error: float, kernel: float, weights: Weights
-) -> _Seen:
-    knot, share = scan.between(0)
-    points = scan.points.astype(np.float64)
-    H, g, residual = _scan_equations(points, knot, share, knots, surfels, error, kernel, sigma**2, weights)
-    pieces = len(knots)
-    of_all = H.reshape(pieces, 6, pieces, 6).sum(axis=(0, 2)) + np.eye(6) / _UNKNOWN
-    return _Seen(H, g, residual, float(np.linalg.inv(of_all)[5, 5]))
-
-
-@compiled
-def _scan_equations(
-    points: Floats, knot: Ints, share: Floats, knots: Floats, surfels: Surfels, error: float, kernel: float,
-    variance: float, weights: Weights,
-) -> tuple[Floats, Floats, float]:  # fmt: skip
-    n = 6 * len(knots)
-    H, g, F = np.zeros((n, n)), np.zeros(n), np.zeros((6, 6))
-    moved, plane_of = np.empty((len(points), 3)), np.empty(len(points), np.int64)
-    find_planes(points, knot, share, knots, surfels, -1.0, weights.gate, error, moved, plane_of)
-    residual, _, _ = add_points(
-        moved, plane_of, knot, share, knots, surfels.planes, error, kernel, variance, weights.near, 0, H, g, F
-    )
-    project_out_feigned(H, g, F, weights.feigned)
-    return H, g, residual
+        list(threads.map(look, range(len(seen))))
 
 
 def _solved(seen: list[_Seen], firsts: list[int], motion: Motion, prior: MotionPrior, weights: Weights) -> Floats:

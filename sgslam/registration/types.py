@@ -1,18 +1,20 @@
 """What a registration returns."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sgslam.config import TrackingSettings
 from sgslam.inertial import UnsteadyTurn
 from sgslam.registration.motion_prior import moved_on, velocity_between
-from sgslam.registration.moving_points import placed
+from sgslam.registration.points import placed, undistorted
+from sgslam.registration.sampling import TimedPoints, one_a_cell
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Health = Literal["good", "degraded", "lost"]
+_SIDE = 0.1  # m between the points that are used of a scan that an external odometry registered
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,25 +36,13 @@ class Motion:
         seconds = self.seconds[knot + 1] - self.seconds[knot]
         return np.asarray(velocity_between(self.knots[knot], self.knots[knot + 1], seconds))
 
-    def between(self, seconds: Floats) -> tuple[Ints, Floats]:
-        """The knot (N,) before each of `seconds` (N,), and the share (N,) of the way to the next one."""
-        if len(self.knots) == 1:
-            return np.zeros(len(seconds), np.int64), np.zeros(len(seconds))
-        k = np.clip(np.searchsorted(self.seconds, seconds, side="right") - 1, 0, len(self.knots) - 2)
-        return k, (seconds - self.seconds[k]) / (self.seconds[k + 1] - self.seconds[k])
-
     def placed(self, points: Floats, seconds: Floats) -> Floats:
         """Points (N, 3), measured at `seconds` (N,), in `odom`."""
-        knot, share = self.between(seconds)
-        return np.asarray(placed(points, knot, share, self.knots))
+        return self.seen(points, seconds)[0]
 
-    def rays(self, placed: Floats, seconds: Floats) -> Floats:
-        """(N, 3) the unit rays in `odom` to points (N, 3) that were measured at `seconds` (N,)."""
-        knot, share = self.between(seconds)
-        begin = self.knots[knot, :3, 3]
-        step = self.knots[np.minimum(knot + 1, len(self.knots) - 1), :3, 3] - begin
-        rays = placed - begin - share[:, None] * step
-        return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+    def seen(self, points: Floats, seconds: Floats) -> tuple[Floats, Floats]:
+        """Points (N, 3), measured at `seconds` (N,), and the unit rays (N, 3) to them, in `odom`."""
+        return placed(points, seconds, self.seconds, self.knots)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +55,8 @@ class Registration:
     and the pose is then a prediction. `share` is the share of the scan's points that are on known surfaces. `motion` is
     the motion during the scan, by seconds after its stamp; `point_times` (N,) are the times that were used, None for a
     snapshot. With an IMU, `unsteady` is what it measures of the turns within the scan, by the same seconds. A scan
-    `is_after_pause` if none came for long before it, and nothing else measured how the sensor moved.
+    `is_after_pause` if none came for long before it, and nothing else measured how the sensor moved. `used` are the
+    points that were registered, by the same seconds; None where an external odometry chose them.
     """
 
     T_odom_sensor: Floats
@@ -77,11 +68,22 @@ class Registration:
     unconstrained: Floats = field(default_factory=lambda: np.empty((0, 6)))
     unsteady: UnsteadyTurn | None = None
     is_after_pause: bool = False
+    used: TimedPoints | None = None
 
     def undistorted(self, points: Floats) -> Floats:
         """Returns the points (N, 3) of the scan as the sensor would have measured them at its stamp."""
         if self.point_times is None:
             return points
         steady = points if self.unsteady is None else self.unsteady.steadied(points, self.point_times)
-        in_odom = self.motion.placed(steady, self.point_times)
-        return np.asarray((in_odom - self.T_odom_sensor[:3, 3]) @ self.T_odom_sensor[:3, :3])
+        return self._at_stamp(steady, self.point_times)
+
+    def thinned(self, points: Floats, settings: TrackingSettings) -> Floats:
+        """Returns a few of the points (N, 3) of the scan, spread evenly in space, as `undistorted` does."""
+        if self.used is not None:
+            return self._at_stamp(self.used.points, self.used.seconds)
+        own = one_a_cell(points, _SIDE, settings.min_range, settings.max_range)
+        times = None if self.point_times is None else self.point_times[own]
+        return replace(self, point_times=times).undistorted(points[own])
+
+    def _at_stamp(self, steady: Floats, seconds: Floats) -> Floats:
+        return undistorted(steady, seconds, self.motion.seconds, self.motion.knots, self.T_odom_sensor)

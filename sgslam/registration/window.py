@@ -8,11 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
-from sgslam.config import TrackingSettings
 from sgslam.geometry.normal_equations import solved, square_up
 from sgslam.geometry.rotations import rotated_by
 from sgslam.inertial import Changes, Turns
-from sgslam.registration.correspondences import planes_of
 from sgslam.registration.degeneracy import project_out_feigned
 from sgslam.registration.motion_prior import (
     Steps,
@@ -24,16 +22,14 @@ from sgslam.registration.motion_prior import (
     add_velocities,
     velocity_between,
 )
-from sgslam.registration.moving_points import placed
-from sgslam.registration.point_to_plane import add_points
+from sgslam.registration.points import KERNEL, STRAYED, UNKNOWN, Weights, point_equations
 from sgslam.surfels import Surfels
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Ints32 = NDArray[np.int32]
 
-_KERNEL = 5.0  # times the median residual
-_SIGMA = 6.0  # times the median residual, a point's sigma: an a-posteriori variance factor, as neighbours share errors
-_SETTLED = 4.0  # times the convergence: after a smaller step, fewer than one point in a hundred is on another plane
+_SETTLED = 2e-3  # m and rad, by which the knots of an older scan move until its equations are made again
 _GAP = 0.02  # of a scan's duration: a shorter pause after the scan before is none; a quick hand turns by 0.4 degrees
 
 
@@ -60,23 +56,31 @@ class MotionPrior(NamedTuple):
     axes: Floats
 
 
-class Weights(NamedTuple):
-    """The part of `TrackingSettings` that the registration needs, as it names them."""
+class Window(NamedTuple):
+    """The points of a window's S scans, the older first, and what else is known of the motion at its knots.
 
-    sigma_point: float
-    gate: float
-    kernel: float
-    near: float
-    feigned: float
-    sway: float
-    sway_memory: float
-    convergence: float
-    iterations: int
+    The points (N, 6), with the normals that the scans show, were measured at `seconds` (N,), and lie on the planes
+    `plane_of` (N,) as far as these are known. Those of scan s are number `begins[s]` to `begins[s + 1]`, and its
+    `counts[s]` knots are number `firsts[s]` on, of all knots at times `at` (K,). `turns` are those of a gyroscope,
+    `changes` those of the velocity by an accelerometer, at all but the last knot; `steps` are those of another system.
+    Surfels seen before the way `oldest` (m) are none.
+    """
 
-    @staticmethod
-    def of(settings: TrackingSettings) -> "Weights":
-        """Takes them from the settings."""
-        return Weights(*(getattr(settings, name) for name in Weights._fields))
+    points: Floats
+    seconds: Floats
+    plane_of: Ints32
+    begins: Ints
+    firsts: Ints
+    counts: Ints
+    at: Floats
+    prior: Prior
+    motion: MotionPrior
+    turns: Turns
+    changes: Changes
+    steps: Steps
+    surfels: Surfels
+    oldest: float
+    weights: Weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +88,9 @@ class Solved:
     """A window: its knots (K, 4, 4) at `seconds` (K,), their information (6K, 6K), that of the points and of another
     system's steps alone, and the knots as the prior predicted them.
 
-    Of so many points of the newest scan, `found` ones have a plane in reach, and `close` ones lie near it; `residual`
-    (m) is the median distance of the points of all scans.
+    Of the newest scan's points, `found` ones have a plane in reach, and `close` ones lie near it; `residual` (m) is
+    their median distance; `plane_of` (N,) are their planes, 0 for none. After so many `iterations` it has `converged`,
+    or not.
     """
 
     seconds: Floats
@@ -93,10 +98,12 @@ class Solved:
     predicted: Floats
     information: Floats
     measured: Floats
-    points: int
+    plane_of: Ints32
     found: int
     close: int
     residual: float
+    iterations: int
+    converged: bool
 
     @property
     def agreement(self) -> float:
@@ -106,7 +113,7 @@ class Solved:
     @property
     def share(self) -> float:
         """The share of the newest scan's points that lie near a plane."""
-        return self.close / max(self.points, 1)
+        return self.close / max(len(self.plane_of), 1)
 
     @cached_property
     def covariance(self) -> Floats:
@@ -148,74 +155,96 @@ def window_knots(begin: float, scans: list[Floats]) -> tuple[Floats, list[int]]:
     return np.array(seconds), firsts
 
 
-def solve(
-    seconds: Floats, predicted: Floats, prior: Prior, motion: MotionPrior, points: Floats, knot: Ints,
-    share: Floats, newest: int, surfels: Surfels, oldest: float, first_kernel: float, weights: Weights,
-    turns: Turns, changes: Changes, steps: Steps,
-) -> Solved:  # fmt: skip
-    """Estimates all knots from the `predicted` ones (K, 4, 4) at `seconds` (K,).
+def solve(window: Window, predicted: Floats, first_kernel: float, iterations: int) -> Solved:
+    """Estimates all knots of a window from the `predicted` ones (K, 4, 4), in so many iterations at most.
 
-    Points (N, 6), with the normals that the scan shows, were measured a `share` (N,) of the way from their `knot` (N,)
-    to the next one; those from the `newest` one on are of the newest scan. The robust kernel follows the residuals,
-    from `first_kernel` to that of the weights (m): a wide one finds the way from a poor prediction, a narrow one
-    rejects outliers. A point's place counts as known to the difference. `turns` are those of a gyroscope, `changes`
-    those of the velocity by an accelerometer, at all but the last knot. `steps` are those of another system.
-
-    Most of the time goes into finding the points' planes; they are kept over the last, small steps.
+    The robust kernel of the newest scan follows its residuals, from `first_kernel` to that of the weights (m). A
+    point's place counts as known to the difference. See `_solve`.
     """
-    knots, n, moved_by, plane_of = predicted.copy(), 6 * len(predicted), np.inf, np.empty(0, np.int64)
-    H, measured, kernel, sigma = np.empty((n, n)), np.empty((n, n)), first_kernel, weights.sigma_point
-    for _ in range(weights.iterations):
-        error = kernel - weights.kernel
-        if error > 0 or moved_by > _SETTLED * weights.convergence:
-            moved, plane_of = planes_of(points, knot, share, knots, surfels, oldest, weights.gate, error)
-        else:
-            moved = placed(points, knot, share, knots)
-        residual, found, close, moved_by = _step(
-            seconds, knots, prior, motion, moved, plane_of, knot, share, newest, surfels.planes, error, kernel, sigma,
-            weights, turns, changes, steps, H, measured,
-        )  # fmt: skip
-        if moved_by < weights.convergence:
-            break
-        kernel, sigma = robust_scales(residual, kernel, weights)
-    return Solved(seconds, knots, predicted, H, measured, len(points) - newest, found, close, residual)
+    knots, n = predicted.copy(), 6 * len(predicted)
+    plane_of = window.plane_of.copy()
+    H, measured = np.empty((n, n)), np.empty((n, n))
+    count, moved_by, residual, found, close = _solve(window, knots, plane_of, first_kernel, iterations, H, measured)
+    return Solved(
+        window.at, knots, predicted, H, measured, plane_of[window.begins[-2] :], found, close, residual, count,
+        moved_by < window.weights.convergence,
+    )  # fmt: skip
 
 
 @compiled
-def _step(
-    seconds: Floats, knots: Floats, prior: Prior, motion: MotionPrior, moved: Floats, plane_of: Ints, knot: Ints,
-    share: Floats, newest: int, planes: Floats, error: float, kernel: float, sigma: float, weights: Weights,
-    turns: Turns, changes: Changes, steps: Steps, H: Floats, measured: Floats,
-) -> tuple[float, int, int, float]:  # fmt: skip
-    """Moves the knots by one step of Gauss-Newton; fills in H and what of it is `measured`.
+def _solve(
+    window: Window, knots: Floats, plane_of: Ints32, first_kernel: float, iterations: int, H: Floats, measured: Floats
+) -> tuple[int, float, float, int, int]:
+    """Moves the knots, and fills in the planes of the points, the information H and what of it is `measured`.
 
-    Returns as `add_points`, and the largest change.
+    Returns the number of iterations, the last step, and what `point_equations` does of the newest scan. A scan's
+    equations are made again once its knots have moved, and its planes are looked for once they have moved by more: an
+    older scan's, known from the window before, are hardly ever.
     """
-    g, F = np.zeros(len(H)), np.zeros((6, 6))
-    H[:, :] = 0.0
-    residual, found, close = add_points(
-        moved, plane_of, knot, share, knots, planes, error, kernel, sigma**2, weights.near, newest, H, g, F
-    )
-    project_out_feigned(H, g, F, weights.feigned)
-    add_steps(knots, steps, H, g)
-    measured[:, :] = H
+    weights, scans, n = window.weights, len(window.firsts), 6 * len(knots)
+    own_H, own_g, own_F = np.zeros((scans, n, n)), np.zeros((scans, n)), np.zeros((scans, 6, 6))
+    moved, strayed = np.full(scans, np.inf), np.zeros(scans)  # since the equations, and the planes
+    g, F, error, kernel = np.empty(n), np.empty((6, 6)), first_kernel - weights.kernel, first_kernel
+    residual, found, close, moved_by, count = np.inf, 0, 0, np.inf, 0
+    while count < iterations and moved_by >= weights.convergence:
+        count += 1
+        for s in range(scans):
+            is_newest = s == scans - 1
+            if moved[s] <= (weights.convergence if is_newest else _SETTLED):
+                continue
+            own, first = slice(window.begins[s], window.begins[s + 1]), window.firsts[s]
+            if strayed[s] > STRAYED:
+                plane_of[own] = UNKNOWN
+                strayed[s] = 0.0
+            knots_of = slice(first, first + window.counts[s])
+            result = point_equations(
+                window.points[own], window.seconds[own], window.at[knots_of], knots[knots_of], plane_of[own],
+                window.surfels, window.oldest, error if is_newest else 0.0, kernel if is_newest else weights.kernel,
+                weights, own_H[s], own_g[s], own_F[s],
+            )  # fmt: skip
+            moved[s] = 0.0
+            if is_newest:
+                residual, found, close = result
+                kernel = min(kernel, max(weights.kernel, KERNEL * residual))
+                error = kernel - weights.kernel
+        H[:, :], g[:], F[:, :] = 0.0, 0.0, 0.0
+        for s in range(scans):
+            first, size = 6 * window.firsts[s], 6 * window.counts[s]
+            for i in range(size):
+                g[first + i] += own_g[s, i]
+                for j in range(size):
+                    H[first + i, first + j] += own_H[s, i, j]
+            F += own_F[s]
+        project_out_feigned(H, g, F, weights.feigned)
+        add_steps(knots, window.steps, H, g)
+        measured[:, :] = H
+        _add_priors(window, knots, H, g)
+        step = solved(H, g)
+        update_knots(knots, step)
+        moved_by = float(np.max(np.abs(step)))
+        for s in range(scans):
+            first, size = 6 * window.firsts[s], 6 * window.counts[s]
+            own_step = step[first : first + size]
+            for i in range(size):
+                for j in range(size):
+                    own_g[s, i] -= own_H[s, i, j] * own_step[j]
+            moved[s] += np.max(np.abs(own_step))
+            strayed[s] += np.max(np.abs(own_step))
+    return count, moved_by, residual, found, close
+
+
+@compiled
+def _add_priors(window: Window, knots: Floats, H: Floats, g: Floats) -> None:
+    """Adds all that is known but the points and another system's steps to normal equations H (6K, 6K), g (6K,)."""
+    prior, motion, at, weights = window.prior, window.motion, window.at, window.weights
     add_pose(knots[0], prior.T, prior.information, H, g)
     add_velocities(
-        seconds, knots, prior.velocity, prior.velocity_information, motion.spread, motion.memory, motion.axes, H, g
+        at, knots, prior.velocity, prior.velocity_information, motion.spread, motion.memory, motion.axes, H, g
     )
-    add_turns(knots, turns, H, g)
-    add_changes(seconds, knots, changes, H, g)
-    lasted = (seconds[-1] - seconds[0]) / weights.sway_memory
+    add_turns(knots, window.turns, H, g)
+    add_changes(at, knots, window.changes, H, g)
+    lasted = (at[-1] - at[0]) / weights.sway_memory
     add_height(knots, prior.up, prior.height, prior.height_variance, weights.sway, lasted, H, g)
-    step = solved(H, g)
-    update_knots(knots, step)
-    return residual, found, close, float(np.max(np.abs(step)))
-
-
-@compiled
-def robust_scales(residual: float, kernel: float, weights: Weights) -> tuple[float, float]:
-    """The next iteration's kernel (m), and a point's standard deviation (m), by the median `residual` (m)."""
-    return min(kernel, max(weights.kernel, _KERNEL * residual)), max(weights.sigma_point, _SIGMA * residual)
 
 
 @compiled

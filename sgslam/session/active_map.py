@@ -14,12 +14,13 @@ from sgslam.backend import Backend
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, level_at, level_map, raised, squared_up
 from sgslam.loops import LoopCloser
-from sgslam.mapping import Anchors, Floors, KeyframeClouds, KeyframeNode, KeyframeRule
+from sgslam.mapping import Anchors, Floors, FloorTransition, KeyframeClouds, KeyframeNode, KeyframeRule
+from sgslam.perception import keyframe_scan
 from sgslam.session.scan_poses import ScanPose
 from sgslam.session.soundness.step_uncertainty import StepUncertainty
 from sgslam.session.stopwatch import Stopwatch
-from sgslam.tracking import FloorTransition, FrontEnd, TrackedScan
-from sgslam.tracking.front_end import level_to_sensor
+from sgslam.surfels import SurfelMap
+from sgslam.tracking import TrackedScan
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -41,8 +42,8 @@ class ActiveMap:
         self._config = config
         self.anchoring, self.clouds, self.stopwatch = anchoring, clouds, stopwatch
         self.floors = Floors(config)
-        self.front_end = FrontEnd(config)
-        self.transition = FloorTransition(config.floors)
+        self.transition = FloorTransition(config.floors, config.surfaces.guessed_height)
+        self._surfels = SurfelMap()  # of the scans since the last keyframe, in `odom`
         self._keyframe_rule = KeyframeRule(config.keyframes)
         self.backend = Backend(config)
         self.loops = LoopCloser(config.loops, self.backend.closures)
@@ -96,7 +97,7 @@ class ActiveMap:
         """Adds a tracked scan; returns whether a keyframe is due."""
         keyframes = self.backend.keyframes
         if not self.scans:
-            self.floors.current.walls.level_by(level_map(None, self.front_end.height))
+            self.floors.current.walls.level_by(level_map(None, self.transition.height))
         T_map_sensor = self.T_map_odom @ scan.T_odom_sensor
         since = np.eye(4) if not keyframes else inverse(keyframes[-1].T_map_sensor) @ T_map_sensor
         self.scans.append(
@@ -112,7 +113,8 @@ class ActiveMap:
         if scan.health == "lost" and keyframes:
             return False
         with self.stopwatch("surfaces"):
-            self.front_end.add(scan.points, scan.T_odom_sensor)
+            thinned = scan.registration.thinned(scan.raw.points, self._config.tracking)
+            self._surfels.add_scan(thinned, scan.T_odom_sensor)
         landed = self._follow_floor(self.scans[-1])
         return self._keyframe_rule.wants(T_map_sensor) or landed
 
@@ -120,7 +122,7 @@ class ActiveMap:
         """Whether the sensor arrives on level ground after a climb."""
         T_level_map = self.floors.current.walls.T_level_map
         T_level_sensor = T_level_map @ scan.T_map_sensor
-        arrival = self.transition.follow(T_level_sensor, T_level_map, self.front_end.height, self.floors)
+        arrival = self.transition.follow(T_level_sensor, T_level_map, self.floors)
         if arrival is None:
             return False
         if arrival.floor is None:
@@ -142,10 +144,9 @@ class ActiveMap:
         keyframe.step_covariance, keyframe.weak_step = self._steps.leave(self._covariance, self.is_external)
         if points is not None:
             with self.stopwatch("surfaces"):
-                if storey is None:
-                    self.front_end.forget()
-                else:
+                if storey is not None:
                     self._observe(keyframe, points)
+                self._surfels.clear()  # those of stairs are of no floor
                 self.clouds.add(len(self.backend.keyframes), points)
         self.backend.add_keyframe(keyframe)
         scan.keyframe = len(self.backend.keyframes) - 1
@@ -155,24 +156,24 @@ class ActiveMap:
         """Extracts the surfaces that are seen from a keyframe and adds them to it and to the floor's map."""
         floor, T_level_map = self.floors.current, self.T_ground_map
         T_level_sensor, T_odom_sensor = T_level_map @ keyframe.T_map_sensor, self.scans[-1].T_odom_sensor
-        R_level_sensor = level_to_sensor(keyframe.T_map_sensor, T_level_map[2, :3])
-        seen = self.front_end.look(points, T_odom_sensor, R_level_sensor, float(T_level_sensor[2, 3]))
+        up, height = T_level_sensor[2, :3], float(T_level_sensor[2, 3])
+        seen = keyframe_scan(points, self._surfels.surfels(), T_odom_sensor, up, height, self._config)
         keyframe.outline, keyframe.lintels = seen.contour, seen.lintels
         keyframe.up, keyframe.sigma_up = seen.up, seen.sigma_up
         number = len(self.backend.keyframes)
         floor.levels.add(number, keyframe.T_map_sensor, seen.levels)
         floor.walls.add(number, keyframe.T_map_sensor, seen.walls)
-        self._follow_height(keyframe.T_map_sensor, lambda: floor.find_floor(self.front_end.height))
+        self._follow_height(keyframe.T_map_sensor, lambda: floor.find_floor(self.transition.height))
         height = float((floor.walls.T_level_map @ keyframe.T_map_sensor)[2, 3])
         if floor.plane_in_map is not None:
-            self.front_end.height += _FOLLOW * (height - self.transition.ground - self.front_end.height)
+            self.transition.height += _FOLLOW * (height - self.transition.ground - self.transition.height)
 
     def _follow_height(self, T_map_sensor: Floats, level: Callable[[], None]) -> None:
         """Levels the map again. Where the floor proves to lie lower, the sensor at a pose (4, 4) is as much higher."""
         walls = self.floors.current.walls
         before = float((walls.T_level_map @ T_map_sensor)[2, 3])
         level()
-        self.front_end.height += float((walls.T_level_map @ T_map_sensor)[2, 3]) - before
+        self.transition.height += float((walls.T_level_map @ T_map_sensor)[2, 3]) - before
 
     @property
     def has_grown(self) -> bool:
@@ -228,7 +229,7 @@ class ActiveMap:
         """Moves the keyframes to their poses (K, 4, 4) in the local frame of the plan, in plan view."""
         with self.stopwatch("optimisation"):
             self.backend.settle(T_plan_sensor)
-        self.floors.refresh(self.backend, self.front_end.height, last=True)
+        self.floors.refresh(self.backend, self.transition.height, last=True)
         self._cut_scenes()
 
     def _anchors(self, last: bool) -> Anchors | None:
@@ -266,7 +267,7 @@ class ActiveMap:
         elif self.first_anchor_ns is None:
             self.first_anchor_ns = newest.stamp_ns
         with self.stopwatch("surfaces"):
-            refresh = partial(self.floors.refresh, self.backend, self.front_end.height, last)
+            refresh = partial(self.floors.refresh, self.backend, self.transition.height, last)
             self._follow_height(newest.T_map_sensor, refresh)
 
     def _scene_due(self, if_placed: bool = True) -> bool:
@@ -291,7 +292,7 @@ class ActiveMap:
     def _parts(self) -> dict[str, Any]:
         parts = {
             "rule": self._keyframe_rule, "floors": self.floors, "backend": self.backend, "loops": self.loops,
-            "front_end": self.front_end, "transition": self.transition, "steps": self._steps,
+            "surfels": self._surfels, "transition": self.transition, "steps": self._steps,
         }  # fmt: skip
         return parts if self.anchoring is None else {**parts, "anchoring": self.anchoring}
 
@@ -299,7 +300,7 @@ class ActiveMap:
         """The state as a tree (see `state_tree`), without the keyframe clouds; not a copy."""
         own = {
             "scans": self.scans, "begins": self.begins, "first_anchor_ns": self.first_anchor_ns,
-            "T_bim_map": self.T_bim_map, "sensor_height": self.front_end.height, "covariance": self._covariance,
+            "T_bim_map": self.T_bim_map, "sensor_height": self.transition.height, "covariance": self._covariance,
             "is_external": self.is_external,
         }  # fmt: skip
         return own | {name: part.state() for name, part in self._parts.items()}

@@ -174,6 +174,6 @@ def _as_prior(ended: ActiveMap) -> PriorMap:
     T_bim_map = ended.T_bim_map
     since_ns = None if T_bim_map is None else ended.first_anchor_ns
     return PriorMap(
-        ended.backend, ended.floors, ended.scans, ended.begins, ended.front_end.height, T_bim_map, since_ns,
+        ended.backend, ended.floors, ended.scans, ended.begins, ended.transition.height, T_bim_map, since_ns,
         ended.clouds,
     )  # fmt: skip

@@ -1,6 +1,4 @@
-"""The hash table of a surfel map: cells of three grids by their keys."""
-
-import math
+"""The hash table of a surfel map: blocks of one cubic metre, each with its cells of three grids."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,35 +8,54 @@ from data.common.compiled import compiled
 Ints = NDArray[np.int64]
 
 SIDES = (1.0, 0.5, 0.25)  # m, of the cells
-_PER_METRE = (1.0, 2.0, 4.0)  # their inverses
+_FINEST = 4.0  # cells of the finest grid in a metre
 SHIFT = 0.11  # m, of the cells: walls at round distances from where a run begins are not on their borders
-_BITS = 20  # of a cell's index along one axis
+CELLS = 73  # of a block: one of the coarsest grid, then 8, then 64
+_BITS = 21  # of a cell's index along one axis
+_HALF = 2.0 ** (_BITS - 1)  # cells, so that no index is negative
 
 
 @compiled
-def key_of(x: float, y: float, z: float, level: int) -> int:
-    """The key of the cell of grid `level` that holds a point (m)."""
-    half, per_metre = 1 << (_BITS - 1), _PER_METRE[level]
-    i = math.floor((x + SHIFT) * per_metre) + half
-    j = math.floor((y + SHIFT) * per_metre) + half
-    k = math.floor((z + SHIFT) * per_metre) + half
-    return int((((((i << _BITS) | j) << _BITS) | k) << 2) | level)
+def cell_of(x: float, y: float, z: float) -> tuple[int, int, int]:
+    """The indices of the cell of the finest grid that holds a point (m); none is negative."""
+    half = _HALF + SHIFT * _FINEST
+    return int(x * _FINEST + half), int(y * _FINEST + half), int(z * _FINEST + half)
 
 
 @compiled
-def place_of(key: int, keys: Ints) -> int:
-    """The place of a key in the hash table, or of the empty one where it belongs."""
-    mask = len(keys) - 1
+def key_of(cell: tuple[int, int, int], level: int) -> int:
+    """The key, never zero, of the cell of grid `level` around a `cell` of the finest one."""
+    up = 2 - level
+    return ((((cell[0] >> up) << _BITS) | (cell[1] >> up)) << _BITS) | (cell[2] >> up)
+
+
+@compiled
+def place_of(key: int, table: Ints) -> int:
+    """The row of a block's key in the hash `table` (T, 2) of keys and blocks, or the empty one where it belongs."""
+    mask = len(table) - 1
     place = ((key * 0x9E3779B97F4A7C1) >> 21) & mask
-    while keys[place] != -1 and keys[place] != key:
+    while table[place, 0] != 0 and table[place, 0] != key:
         place = (place + 1) & mask
-    return int(place)
+    return place
 
 
 @compiled
-def rehash(keys: Ints, first: Ints, new_keys: Ints, new_first: Ints) -> None:
-    """Copies all cells to a larger table."""
-    for i in range(len(keys)):
-        if keys[i] != -1:
-            place = place_of(keys[i], new_keys)
-            new_keys[place], new_first[place] = keys[i], first[i]
+def block_of(cell: tuple[int, int, int], table: Ints) -> int:
+    """The block that holds a `cell` of the finest grid; block 0, which has no surfels, where there is none."""
+    return table[place_of(key_of(cell, 0), table), 1]
+
+
+@compiled
+def within_block(cell: tuple[int, int, int], level: int) -> int:
+    """The column, of a block's row, of the cell of grid `level` around a `cell` of the finest one."""
+    up, last = 2 - level, (1 << level) - 1
+    i, j, k = (cell[0] >> up) & last, (cell[1] >> up) & last, (cell[2] >> up) & last
+    return (level + (level == 2) * 7) + ((((i << level) | j) << level) | k)
+
+
+@compiled
+def rehash(table: Ints, larger: Ints) -> None:
+    """Copies all blocks to a larger table."""
+    for i in range(len(table)):
+        if table[i, 0] != 0:
+            larger[place_of(table[i, 0], larger)] = table[i]

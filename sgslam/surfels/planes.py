@@ -1,17 +1,17 @@
 """The plane of a surfel: how it is fitted to the sums of its points, and how a point lies to it."""
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
-from sgslam.geometry.normal_equations import eigen
+from sgslam.geometry.normal_equations import principal_axes
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+Floats32 = NDArray[np.float32]
 
 _LEAST = 6  # points that a plane needs
+_GROWN = 4 / 3  # times its points at the last fit: so many change a plane enough to fit it again
+FULL = 200.0  # points after which a surfel stays as it is: its mean is known to a millimetre
 _THICK = 0.06  # m, the largest standard deviation across a plane: furniture and corners are none
 _FLAT = 9.0  # times the variance across, that along the plane in its narrower direction at least
 _NOISE = 0.02  # m, standard deviation of a range; the spread of few points may be less by chance
@@ -20,96 +20,115 @@ _UNEVEN = 2.0  # times the usual variance across planes, that of one that is not
 _BELIEVED = 5.0  # points of that noise, added to a plane's own
 _EXTENT = 2.0  # times the standard deviation of a plane's points along it, its half width: beyond, it was not seen
 GRAZING = 0.1  # sine of the angle between rays and plane, at least: one ring around a corner of a room is none
-# columns of a surfel's row
-COUNT, SUM, SQUARES, RAY, CHANGED = 0, 1, 4, 10, 13
+# columns of a surfel's sums; the last is the number of points at the last fit
+COUNT, SUM, SQUARES, RAY, FITTED = 0, 1, 4, 10, 13
 SUMS = 14
-# columns of a plane's row; the spread is (1 + a^2/l1 + b^2/l2) l0/n, as in a linear regression
-NORMAL, MEAN, AXIS_1, AXIS_2, VARIANCE, INVERSE_1, INVERSE_2, VALID, ACROSS = 0, 3, 6, 9, 12, 13, 14, 15, 16
-PLANE = 17
+# Columns of a surfel's plane, a cache line. The second axis is the normal times the first. The halves (m) are those of
+# the extent along the axes. The plane's variance is that at its mean, ACROSS that of its points. SEEN is the way (m)
+# at which it was last seen, and OTHER the next surfel of its cell, of another side.
+NORMAL, MEAN, AXIS, HALF_1, HALF_2, VARIANCE, ACROSS, VALID, SEEN, OTHER = 0, 3, 6, 9, 10, 11, 12, 13, 14, 15
+PLANE = 16
 
 
 @compiled
-def fit_plane(own: Floats, plane: Floats) -> None:
+def has_grown(sums: Floats, s: int) -> bool:
+    """Whether a surfel has so many more points than at the last fit that its plane is another one."""
+    return bool(sums[s, COUNT] >= max(_LEAST, _GROWN * sums[s, FITTED]) or sums[s, FITTED] < sums[s, COUNT] == FULL)
+
+
+@compiled
+def fit_plane(sums: Floats, planes: Floats32, s: int) -> None:
     """Fits the plane through a surfel's points, its normal towards the sensor."""
-    n = own[COUNT]
-    plane[VALID] = 0.0
-    if n < _LEAST:
-        return
-    C, mean = np.empty((3, 3)), own[SUM : SUM + 3] / n
-    k = SQUARES
-    for i in range(3):
-        for j in range(i, 3):
-            C[i, j] = C[j, i] = own[k] / n - mean[i] * mean[j]
-            k += 1
-    values, axes = eigen(C)
+    n = sums[s, COUNT]
+    sums[s, FITTED], planes[s, VALID] = n, 0.0
+    x, y, z = sums[s, SUM] / n, sums[s, SUM + 1] / n, sums[s, SUM + 2] / n
+    xx, xy, xz = sums[s, SQUARES] / n - x * x, sums[s, SQUARES + 1] / n - x * y, sums[s, SQUARES + 2] / n - x * z
+    yy, yz, zz = sums[s, SQUARES + 3] / n - y * y, sums[s, SQUARES + 4] / n - y * z, sums[s, SQUARES + 5] / n - z * z
+    values, normal, axis = principal_axes(xx, xy, xz, yy, yz, zz)
     across = values[0] * n / (n - 3)  # a plane has three degrees of freedom
     if across > _THICK**2 or values[1] < _FLAT * max(across, _NOISE**2 / 4):
         return
-    towards = own[RAY] * axes[0, 0] + own[RAY + 1] * axes[1, 0] + own[RAY + 2] * axes[2, 0]
+    towards = sums[s, RAY] * normal[0] + sums[s, RAY + 1] * normal[1] + sums[s, RAY + 2] * normal[2]
     if abs(towards) < GRAZING * n:
         return
     sign = -1.0 if towards > 0 else 1.0
-    for i in range(3):
-        plane[NORMAL + i], plane[MEAN + i] = sign * axes[i, 0], mean[i]
-        plane[AXIS_1 + i], plane[AXIS_2 + i] = axes[i, 1], axes[i, 2]
-    plane[ACROSS] = (across * (n - 3) + _NOISE**2 * _BELIEVED) / (n - 3 + _BELIEVED)
-    plane[VARIANCE] = plane[ACROSS] / n + _SHARED**2
-    plane[INVERSE_1], plane[INVERSE_2] = 1 / values[1], 1 / values[2]
-    plane[VALID] = 1.0
-
-
-@compiled
-def in_plane(x: float, y: float, z: float, planes: Floats, s: int) -> tuple[float, float, float]:
-    """A point relative to the mean of plane `s` of `planes` (m): along the normal and along both axes of the plane."""
-    dx, dy, dz = x - planes[s, MEAN], y - planes[s, MEAN + 1], z - planes[s, MEAN + 2]
-    return (
-        planes[s, 0] * dx + planes[s, 1] * dy + planes[s, 2] * dz,
-        planes[s, AXIS_1] * dx + planes[s, AXIS_1 + 1] * dy + planes[s, AXIS_1 + 2] * dz,
-        planes[s, AXIS_2] * dx + planes[s, AXIS_2 + 1] * dy + planes[s, AXIS_2 + 2] * dz,
+    planes[s, NORMAL], planes[s, NORMAL + 1], planes[s, NORMAL + 2] = (
+        sign * normal[0],
+        sign * normal[1],
+        sign * normal[2],
     )
+    planes[s, MEAN], planes[s, MEAN + 1], planes[s, MEAN + 2] = x, y, z
+    planes[s, AXIS], planes[s, AXIS + 1], planes[s, AXIS + 2] = axis
+    planes[s, HALF_1], planes[s, HALF_2] = _EXTENT * np.sqrt(values[1]), _EXTENT * np.sqrt(values[2])
+    planes[s, ACROSS] = (across * (n - 3) + _NOISE**2 * _BELIEVED) / (n - 3 + _BELIEVED)
+    planes[s, VARIANCE] = planes[s, ACROSS] / n + _SHARED**2
+    planes[s, VALID] = 1.0
 
 
 @compiled
-def plane_residual(x: float, y: float, z: float, planes: Floats, s: int) -> tuple[float, float]:
-    """The distance (m) of a point from a plane, and the variance (m2) of the plane there, as of a linear regression."""
-    off, a, b = in_plane(x, y, z, planes, s)
-    spread = planes[s, VARIANCE] * (1 + a * a * planes[s, INVERSE_1] + b * b * planes[s, INVERSE_2])
-    return off, spread
+def off_plane(x: float, y: float, z: float, planes: Floats32, s: int) -> float:
+    """The distance (m) of a point from plane `s`, on the side that was seen."""
+    dx, dy, dz = x - planes[s, MEAN], y - planes[s, MEAN + 1], z - planes[s, MEAN + 2]
+    return planes[s, 0] * dx + planes[s, 1] * dy + planes[s, 2] * dz
 
 
 @compiled
-def is_within(x: float, y: float, z: float, planes: Floats, s: int, error: float) -> bool:
-    """Whether a point whose place has an `error` (m) may lie on the part of a plane that was seen."""
-    _, a, b = in_plane(x, y, z, planes, s)
-    a /= _EXTENT / math.sqrt(planes[s, INVERSE_1]) + error
-    b /= _EXTENT / math.sqrt(planes[s, INVERSE_2]) + error
+def along_plane(x: float, y: float, z: float, planes: Floats32, s: int) -> tuple[float, float]:
+    """A point relative to the mean of plane `s` (m), along both axes of the plane."""
+    dx, dy, dz = x - planes[s, MEAN], y - planes[s, MEAN + 1], z - planes[s, MEAN + 2]
+    ax, ay, az = planes[s, AXIS], planes[s, AXIS + 1], planes[s, AXIS + 2]
+    nx, ny, nz = planes[s, 0], planes[s, 1], planes[s, 2]
+    bx, by, bz = ny * az - nz * ay, nz * ax - nx * az, nx * ay - ny * ax
+    return ax * dx + ay * dy + az * dz, bx * dx + by * dy + bz * dz
+
+
+@compiled
+def variance_at(x: float, y: float, z: float, planes: Floats32, s: int) -> float:
+    """The variance (m2) of plane `s` at a point, as of a linear regression."""
+    a, b = along_plane(x, y, z, planes, s)
+    a, b = a / planes[s, HALF_1], b / planes[s, HALF_2]
+    return planes[s, VARIANCE] * (1 + _EXTENT**2 * (a * a + b * b))
+
+
+@compiled
+def is_within(x: float, y: float, z: float, planes: Floats32, s: int, error: float) -> bool:
+    """Whether a point whose place has an `error` (m) may lie on the part of plane `s` that was seen."""
+    a, b = along_plane(x, y, z, planes, s)
+    a, b = a / (planes[s, HALF_1] + error), b / (planes[s, HALF_2] + error)
     return a * a + b * b < 1
 
 
 @compiled
-def typical_variance(planes: Floats, plane_of: Ints) -> float:
-    """The median variance (m2) across the planes (N,) of points, -1 for none: that of the sensor's ranges."""
-    across = planes[:, ACROSS][plane_of[plane_of >= 0]]
-    return float(np.median(across)) if len(across) else 0.0
-
-
-@compiled
-def misfit(planes: Floats, s: int, typical: float) -> float:
+def misfit(planes: Floats32, s: int, typical: float) -> float:
     """The variance (m2) across a plane beyond that of a flat one, where the `typical` variance (m2) is that of most."""
     return max(planes[s, ACROSS] - max(_UNEVEN * typical, _NOISE**2), 0.0)
 
 
 @compiled
-def add_normal_variance(
-    planes: Floats, s: int, x: float, y: float, z: float, weight: float, D: Floats, F: Floats
-) -> None:
-    """Adds to the upper triangle of F (6, 6), times a weight, what an error of a plane's normal does to the Jacobian of
-    the distance of a point at (x, y, z) from the sensor; rotation first. D (6,) is room to work in."""
-    for first, inverse in ((AXIS_1, planes[s, INVERSE_1]), (AXIS_2, planes[s, INVERSE_2])):
-        ax, ay, az = planes[s, first], planes[s, first + 1], planes[s, first + 2]
-        D[0], D[1], D[2] = y * az - z * ay, z * ax - x * az, x * ay - y * ax
-        D[3], D[4], D[5] = ax, ay, az
-        own = weight * planes[s, VARIANCE] * inverse
-        for i in range(6):
-            for j in range(i, 6):
-                F[i, j] += own * D[i] * D[j]
+def add_normal_variance(planes: Floats32, s: int, moments: Floats, F: Floats) -> None:
+    """Adds to the upper triangle of F (6, 6) what an error of a plane's normal does to the Jacobians of the distances
+    of points from it; rotation first.
+
+    The `moments` (10,) of the points relative to the sensor are the sums of their weights, times 1, x, y, z, xx, xy,
+    xz, yy, yz and zz.
+    """
+    w, x, y, z, xx, xy, xz, yy, yz, zz = moments
+    nx, ny, nz = planes[s, 0], planes[s, 1], planes[s, 2]
+    ax, ay, az = planes[s, AXIS], planes[s, AXIS + 1], planes[s, AXIS + 2]
+    second = (ny * az - nz * ay, nz * ax - nx * az, nx * ay - ny * ax)
+    for axis, half in (((ax, ay, az), planes[s, HALF_1]), (second, planes[s, HALF_2])):
+        a, b, c = axis
+        own = planes[s, VARIANCE] * _EXTENT**2 / (half * half)
+        # the Jacobian's change is (point x axis, axis)
+        F[0, 0] += own * (yy * c * c - 2 * yz * b * c + zz * b * b)
+        F[0, 1] += own * (yz * a * c - xy * c * c - zz * a * b + xz * b * c)
+        F[0, 2] += own * (xy * b * c - yy * a * c - xz * b * b + yz * a * b)
+        F[1, 1] += own * (zz * a * a - 2 * xz * a * c + xx * c * c)
+        F[1, 2] += own * (xz * a * b - yz * a * a - xx * b * c + xy * a * c)
+        F[2, 2] += own * (xx * b * b - 2 * xy * a * b + yy * a * a)
+        turned = (y * c - z * b, z * a - x * c, x * b - y * a)
+        for i in range(3):
+            for j in range(3):
+                F[i, 3 + j] += own * turned[i] * axis[j]
+            for j in range(i, 3):
+                F[3 + i, 3 + j] += own * w * axis[i] * axis[j]

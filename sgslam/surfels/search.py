@@ -7,12 +7,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
-from sgslam.surfels.cells import SHIFT, SIDES, key_of, place_of
-from sgslam.surfels.planes import ACROSS, GRAZING, MEAN, NORMAL, VALID, in_plane, is_within, plane_residual
+from sgslam.surfels.cells import SHIFT, SIDES, block_of, cell_of, key_of, within_block
+from sgslam.surfels.planes import (
+    ACROSS,
+    GRAZING,
+    OTHER,
+    SEEN,
+    VALID,
+    is_within,
+    off_plane,
+    variance_at,
+)
 
 Floats = NDArray[np.float64]
+Floats32 = NDArray[np.float32]
 Ints = NDArray[np.int64]
-Vector = Floats | tuple[float, float, float]
+Ints32 = NDArray[np.int32]
+Vector = tuple[float, float, float]
 
 _FINER = 0.5  # times the variance of a larger cell's plane, that of a smaller one's at most: beams have biases
 _ALIKE = 0.5  # cosine between the normals of a point's surface and of its plane
@@ -22,33 +33,33 @@ FOLLOWED = 1  # of the grids, the one in which rays are followed
 
 
 class Surfels(NamedTuple):
-    """What a registration reads of a map: the hash table, each surfel's other side, planes, and when they were seen."""
+    """What a registration reads of a map: the hash table (T, 2), the first surfel of each block's cells (B, 73), and
+    the planes (N, 16), see `sgslam.surfels.planes`. Surfel 0 is none."""
 
-    keys: Ints
-    first: Ints
-    other: Ints
-    planes: Floats
-    seen: Floats
+    table: Ints
+    cells: Ints32
+    planes: Floats32
 
 
 @compiled
-def _seen_from(point: Vector, sensor: Vector, planes: Floats, s: int) -> bool:
-    """Whether a sensor (3,) stands before plane `s`, on the side that was seen, and looks at a point (3,) from there.
+def _is_seen(point: Vector, sensor: Vector, planes: Floats32, s: int, oldest: float) -> bool:
+    """Whether plane `s` is known, and a sensor (3,) stands before it, on the side that was seen, and looks at a point
+    (3,) from there.
 
     Who has come to a slab's height no longer sees its underside.
     """
-    nx, ny, nz = planes[s, NORMAL], planes[s, NORMAL + 1], planes[s, NORMAL + 2]
-    x, y, z = sensor[0], sensor[1], sensor[2]
-    towards = nx * (point[0] - x) + ny * (point[1] - y) + nz * (point[2] - z)
-    before = nx * (x - planes[s, MEAN]) + ny * (y - planes[s, MEAN + 1]) + nz * (z - planes[s, MEAN + 2])
-    return bool(towards < 0 and before > 0)
+    if planes[s, VALID] == 0.0 or planes[s, SEEN] < oldest:
+        return False
+    x, y, z = sensor
+    towards = planes[s, 0] * (point[0] - x) + planes[s, 1] * (point[1] - y) + planes[s, 2] * (point[2] - z)
+    return bool(towards < 0 and off_plane(x, y, z, planes, s) > 0)
 
 
 @compiled
 def nearest_plane(
     point: Vector, sensor: Vector, normal: Vector, gate: float, error: float, surfels: Surfels, oldest: float
 ) -> int:
-    """The plane within `gate` (m) of a point (3,) seen by a sensor at (3,), -1 for none.
+    """The plane within `gate` (m) of a point (3,) seen by a sensor at (3,), 0 for none.
 
     Where the scan itself shows the normal (3,) of its surface there (else zero), the plane's is within 60 degrees of
     it: the edge of a slab is not its floor.
@@ -60,44 +71,43 @@ def nearest_plane(
     that goes on for a hand's breadth below a ceiling has no plane of its own there. A point of unknown normal that may
     be on two surfaces is on neither.
     """
-    keys, first, other, planes, seen = surfels
-    x, y, z = point
-    nx, ny, nz = normal
-    unknown = nx == 0.0 and ny == 0.0 and nz == 0.0
-    chosen, lowest, distance = -1, math.inf, math.inf
-    levels, largest = len(SIDES), SIDES[0]
-    for cell in range(levels + 3):
-        if cell < levels:
-            key, best, least, margin = key_of(x, y, z, cell), -1, gate, error
+    planes, (x, y, z), (nx, ny, nz) = surfels.planes, point, normal
+    is_unknown = nx == 0.0 and ny == 0.0 and nz == 0.0
+    cell = cell_of(x, y, z)
+    block, chosen, lowest, distance = block_of(cell, surfels.table), 0, math.inf, math.inf
+    levels, side = len(SIDES), SIDES[0]
+    for look in range(levels + 3):
+        best, least, margin = 0, gate, error
+        if look < levels:
+            s = surfels.cells[block, within_block(cell, look)]
         else:
-            if chosen < 0 or distance < _FITS * math.sqrt(lowest):
+            if chosen == 0 or distance < _FITS * math.sqrt(lowest):
                 break
-            axis = cell - levels
-            within = (point[axis] + SHIFT) % largest
-            if _BEYOND < within < largest - _BEYOND:
+            axis = look - levels
+            within = (point[axis] + SHIFT) - side * math.floor((point[axis] + SHIFT) / side)
+            if _BEYOND < within < side - _BEYOND:
                 continue
-            step = -largest if within < _BEYOND else largest
-            key = key_of(x + step * (axis == 0), y + step * (axis == 1), z + step * (axis == 2), 0)
-            best, least, margin = -1, distance / 2, error + _BEYOND
-        place = place_of(key, keys)
-        s = first[place] if keys[place] == key else -1
-        while s >= 0:
-            alike = unknown or abs(planes[s, 0] * nx + planes[s, 1] * ny + planes[s, 2] * nz) > _ALIKE
-            if alike and seen[s] >= oldest and planes[s, VALID] > 0 and _seen_from(point, sensor, planes, s):
-                off, _ = plane_residual(x, y, z, planes, s)
-                if abs(off) < least and is_within(x, y, z, planes, s, margin):
-                    best, least = s, abs(off)
-            s = other[s]
-        if best < 0:
+            step = -side if within < _BEYOND else side
+            beyond = cell_of(x + step * (axis == 0), y + step * (axis == 1), z + step * (axis == 2))
+            s = surfels.cells[block_of(beyond, surfels.table), 0]
+            least, margin = distance / 2, error + _BEYOND
+        while s > 0:
+            is_alike = is_unknown or abs(planes[s, 0] * nx + planes[s, 1] * ny + planes[s, 2] * nz) > _ALIKE
+            if is_alike and _is_seen(point, sensor, planes, s, oldest):
+                off = abs(off_plane(x, y, z, planes, s))
+                if off < least and is_within(x, y, z, planes, s, margin):
+                    best, least = s, off
+            s = np.int32(planes[s, OTHER])
+        if best == 0:
             continue
-        if cell >= levels:
+        if look >= levels:
             chosen, distance = best, least
             continue
-        _, spread = plane_residual(x, y, z, planes, best)
-        if planes[best, ACROSS] + spread < _FINER * lowest:
-            chosen, lowest, distance = best, planes[best, ACROSS] + spread, least
-    if unknown and chosen >= 0 and _may_be_on_another(point, sensor, error, chosen, surfels, oldest):
-        chosen = -1
+        variance = planes[best, ACROSS] + variance_at(x, y, z, planes, best)
+        if variance < _FINER * lowest:
+            chosen, lowest, distance = best, variance, least
+    if is_unknown and chosen > 0 and _may_be_on_another(point, sensor, error, chosen, surfels, oldest):
+        return 0
     return chosen
 
 
@@ -110,38 +120,38 @@ def _may_be_on_another(
     A ring of beams that leaves a ceiling goes on along the wall below it, at heights where that was not seen before:
     taken for the ceiling, it would lift the sensor.
     """
-    keys, first, other, planes, seen = surfels
+    planes = surfels.planes
     x, y, z = point
     nx, ny, nz = planes[chosen, 0], planes[chosen, 1], planes[chosen, 2]
-    for cell in range(len(SIDES)):
-        key = key_of(x + _BEYOND * nx, y + _BEYOND * ny, z + _BEYOND * nz, cell)
-        place = place_of(key, keys)
-        s = first[place] if keys[place] == key else -1
-        while s >= 0:
-            alike = abs(nx * planes[s, 0] + ny * planes[s, 1] + nz * planes[s, 2]) > _ALIKE
-            if not alike and seen[s] >= oldest and planes[s, VALID] > 0 and _seen_from(point, sensor, planes, s):
-                off, spread = plane_residual(x, y, z, planes, s)
-                fits = off * off < _FITS**2 * (planes[s, ACROSS] + spread)
+    cell = cell_of(x + _BEYOND * nx, y + _BEYOND * ny, z + _BEYOND * nz)
+    block = block_of(cell, surfels.table)
+    for level in range(len(SIDES)):
+        s = surfels.cells[block, within_block(cell, level)]
+        while s > 0:
+            is_alike = abs(nx * planes[s, 0] + ny * planes[s, 1] + nz * planes[s, 2]) > _ALIKE
+            if not is_alike and _is_seen(point, sensor, planes, s, oldest):
+                off = off_plane(x, y, z, planes, s)
+                fits = off * off < _FITS**2 * (planes[s, ACROSS] + variance_at(x, y, z, planes, s))
                 if fits and is_within(x, y, z, planes, s, error + _BEYOND):
                     return True
-            s = other[s]
+            s = np.int32(planes[s, OTHER])
     return False
 
 
 @compiled
-def is_met_in(key: int, sensor: Floats, ray: Floats, end: float, surfels: Surfels, oldest: float) -> bool:
-    """Whether the cell with a key has a surface, of the side seen, that a unit ray (3,) from a sensor (3,) meets there,
-    before its `end` (m)."""
-    keys, first, other, planes, seen = surfels
-    place = place_of(key, keys)
-    s = first[place] if keys[place] == key else -1
-    while s >= 0:
+def is_met_in(
+    cell: tuple[int, int, int], sensor: Vector, ray: Vector, end: float, surfels: Surfels, oldest: float
+) -> bool:
+    """Whether the followed cell around a `cell` of the finest grid has a surface, of the side seen, that a unit ray
+    (3,) from a sensor (3,) meets there, before its `end` (m)."""
+    key, planes = key_of(cell, FOLLOWED), surfels.planes
+    s = surfels.cells[block_of(cell, surfels.table), within_block(cell, FOLLOWED)]
+    while s > 0:
         towards = planes[s, 0] * ray[0] + planes[s, 1] * ray[1] + planes[s, 2] * ray[2]
-        if planes[s, VALID] > 0 and seen[s] >= oldest and towards < -GRAZING:
-            before, _, _ = in_plane(sensor[0], sensor[1], sensor[2], planes, s)
-            t = -before / towards
+        if planes[s, VALID] > 0 and planes[s, SEEN] >= oldest and towards < -GRAZING:
+            t = -off_plane(sensor[0], sensor[1], sensor[2], planes, s) / towards
             x, y, z = sensor[0] + t * ray[0], sensor[1] + t * ray[1], sensor[2] + t * ray[2]
-            if 0 < t < end and key_of(x, y, z, FOLLOWED) == key and is_within(x, y, z, planes, s, 0.0):
+            if 0 < t < end and key_of(cell_of(x, y, z), FOLLOWED) == key and is_within(x, y, z, planes, s, 0.0):
                 return True
-        s = other[s]
+        s = np.int32(planes[s, OTHER])
     return False

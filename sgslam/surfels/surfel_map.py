@@ -12,146 +12,159 @@ from numpy.typing import NDArray
 
 from data.common.compiled import compiled
 from sgslam.serialization import Stateful
-from sgslam.surfels.cells import SIDES, key_of, place_of, rehash
+from sgslam.surfels.cells import CELLS, SIDES, cell_of, key_of, place_of, rehash, within_block
 from sgslam.surfels.planes import (
-    AXIS_1,
-    CHANGED,
+    AXIS,
     COUNT,
+    FULL,
     MEAN,
     NORMAL,
+    OTHER,
     PLANE,
     RAY,
+    SEEN,
     SQUARES,
     SUM,
     SUMS,
     VALID,
     fit_plane,
+    has_grown,
 )
 from sgslam.surfels.search import Surfels
 
 Floats = NDArray[np.float64]
+Floats32 = NDArray[np.float32]
 Ints = NDArray[np.int64]
-
-_FULL = 200.0  # points after which a surfel stays as it is: its mean is known to a millimetre
+Ints32 = NDArray[np.int32]
 
 
 class SurfelMap(Stateful):
-    """Surfels in the `odom` frame. `planes` (N, 17) are documented by the names of their columns."""
+    """Surfels in the `odom` frame: the rows after the first one of `_sums` and `_planes`, see `sgslam.surfels.planes`.
 
-    _STATE = ("count", "_keys", "_first", "_other", "_sums", "planes", "_seen")
+    The arrays have room for more; `_count` and `_blocks` tell how many of their rows are used.
+    """
+
+    _STATE = ("_count", "_blocks", "_table", "_cells", "_sums", "_planes")
 
     def __init__(self) -> None:
         self.clear()
 
     def clear(self) -> None:
         """Forgets everything."""
-        self.count = 0
-        self._keys, self._first = np.full(1 << 14, -1, np.int64), np.full(1 << 14, -1, np.int64)
-        self._other = np.full(1 << 12, -1, np.int64)  # of each surfel, the one of its cell's other side
-        self._sums, self.planes = np.zeros((1 << 12, SUMS)), np.zeros((1 << 12, PLANE))
-        self._seen = np.zeros(1 << 12)  # m of way at which it was last seen
+        self._count = self._blocks = 1
+        self._table, self._cells = np.zeros((1 << 8, 2), np.int64), np.zeros((1 << 7, CELLS), np.int32)
+        self._sums, self._planes = np.zeros((1 << 10, SUMS)), np.zeros((1 << 10, PLANE), np.float32)
 
     def state(self) -> dict[str, Any]:
         """See `Stateful`; without the arrays' room for more."""
-        rows = {name: getattr(self, name)[: self.count] for name in ("_other", "_sums", "planes", "_seen")}
-        return {**super().state(), **rows}
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """See `Stateful`."""
-        super().restore(state)
-        self._make_room(1)
+        rows = {"_sums": self._sums[: self._count], "_planes": self._planes[: self._count]}
+        return {**super().state(), **rows, "_cells": self._cells[: self._blocks]}
 
     def add(self, points: Floats, rays: Floats, way: float, memory: float) -> None:
         """Adds points (N, 3) seen along unit rays (N, 3), both in `odom`, after `way` metres.
 
         Surfels that were not seen for `memory` metres start again.
         """
-        self._make_room(2 * len(SIDES) * len(points))
-        self.count = _add(
-            points, rays, self._keys, self._first, self._other, self._sums, self.planes, self._seen, self.count, way,
-            memory,
-        )  # fmt: skip
+        self._make_room(len(points))
+        self._count, self._blocks = _add(
+            points, rays, self._table, self._cells, self._sums, self._planes, self._count, self._blocks, way, memory
+        )
+
+    def add_scan(self, points: Floats, T_odom_sensor: Floats) -> None:
+        """Adds points (N, 3) in the frame of a sensor at a pose (4, 4); nothing is ever old."""
+        turned = points @ T_odom_sensor[:3, :3].T
+        self.add(turned + T_odom_sensor[:3, 3], turned / np.linalg.norm(turned, axis=1, keepdims=True), 0.0, 1.0)
 
     @property
     def arrays(self) -> Surfels:
         """The arrays themselves, not copies."""
-        return Surfels(self._keys, self._first, self._other, self.planes, self._seen)
+        return Surfels(self._table, self._cells, self._planes)
 
     def surfels(self) -> tuple[Floats, Floats, Floats]:
         """Means (N, 3), normals (N, 3) to the side seen from, and numbers of points (N,) of all planes."""
-        own = np.flatnonzero(self.planes[: self.count, VALID] > 0)
-        return self.planes[own, MEAN:AXIS_1], self.planes[own, NORMAL:MEAN], self._sums[own, COUNT]
+        own = np.flatnonzero(self._planes[: self._count, VALID] > 0)
+        planes = self._planes[own].astype(np.float64)
+        return planes[:, MEAN:AXIS], planes[:, NORMAL:MEAN], self._sums[own, COUNT]
 
     def _make_room(self, more: int) -> None:
-        """Makes room for so many more surfels, and for as many again as there are."""
-        if self.count + more > len(self._other):
-            room = max(2 * self.count, self.count + more) - len(self._other)
-            self._other = np.concatenate([self._other, np.full(room, -1, np.int64)])
-            self._sums = np.concatenate([self._sums, np.zeros((room, SUMS))])
-            self.planes = np.concatenate([self.planes, np.zeros((room, PLANE))])
-            self._seen = np.concatenate([self._seen, np.zeros(room)])
-        while 2 * (self.count + more) > len(self._keys):
-            keys, first = self._keys, self._first
-            self._keys, self._first = np.full(2 * len(keys), -1, np.int64), np.full(2 * len(keys), -1, np.int64)
-            rehash(keys, first, self._keys, self._first)
+        """Makes room for so many more points."""
+        self._sums = _with_room(self._sums, self._count + len(SIDES) * more)
+        self._planes = _with_room(self._planes, self._count + len(SIDES) * more)
+        self._cells = _with_room(self._cells, self._blocks + more)
+        while 2 * (self._blocks + more) > len(self._table):
+            table, self._table = self._table, np.zeros((2 * len(self._table), 2), np.int64)
+            rehash(table, self._table)
+
+
+def _with_room(rows: NDArray[Any], count: int) -> NDArray[Any]:
+    """The same array (N, M), or a copy with more rows where it has fewer than `count`."""
+    if count <= len(rows):
+        return rows
+    larger = np.zeros((2 * count, rows.shape[1]), rows.dtype)
+    larger[: len(rows)] = rows
+    return larger
 
 
 @compiled
-def _same_side(sums: Floats, plane: Floats, rx: float, ry: float, rz: float) -> bool:
+def _same_side(sums: Floats, planes: Floats32, s: int, rx: float, ry: float, rz: float) -> bool:
     """Whether a ray meets a surfel on the side that was seen: of its plane, or before it has one, of its rays."""
-    if plane[VALID] > 0:
-        return bool(plane[0] * rx + plane[1] * ry + plane[2] * rz < 0)
-    return bool(sums[RAY] * rx + sums[RAY + 1] * ry + sums[RAY + 2] * rz > 0)
+    if planes[s, VALID] > 0:
+        return bool(planes[s, 0] * rx + planes[s, 1] * ry + planes[s, 2] * rz < 0)
+    return bool(sums[s, RAY] * rx + sums[s, RAY + 1] * ry + sums[s, RAY + 2] * rz > 0)
 
 
 @compiled
 def _add(
-    points: Floats, rays: Floats, keys: Ints, first: Ints, other: Ints, sums: Floats, planes: Floats, seen: Floats,
-    count: int, way: float, memory: float,
-) -> int:  # fmt: skip
-    """Adds points to the sums of their cells and fits the planes that changed; returns the number of surfels."""
-    touched = np.empty(len(SIDES) * len(points), np.int64)
-    changed = 0
+    points: Floats, rays: Floats, table: Ints, cells: Ints32, sums: Floats, planes: Floats32, count: int, blocks: int,
+    way: float, memory: float,
+) -> tuple[int, int]:  # fmt: skip
+    """Adds points to the sums of their cells and fits the planes that have grown; returns the numbers of surfels and of
+    blocks."""
+    grown, changed = np.empty(len(SIDES) * len(points), np.int64), 0
     for p in range(len(points)):
         x, y, z = points[p, 0], points[p, 1], points[p, 2]
         rx, ry, rz = rays[p, 0], rays[p, 1], rays[p, 2]
+        cell = cell_of(x, y, z)
+        key = key_of(cell, 0)
+        place = place_of(key, table)
+        if table[place, 0] == 0:
+            table[place, 0], table[place, 1] = key, blocks
+            blocks += 1
+        block = table[place, 1]
         for level in range(len(SIDES)):
-            key = key_of(x, y, z, level)
-            place = place_of(key, keys)
-            s, before = first[place] if keys[place] == key else -1, -1
-            while s >= 0 and seen[s] >= way - memory and not _same_side(sums[s], planes[s], rx, ry, rz):
-                s, before = other[s], s
-            if s < 0:
+            column = within_block(cell, level)
+            s, before = int(cells[block, column]), 0
+            while s > 0 and planes[s, SEEN] >= way - memory and not _same_side(sums, planes, s, rx, ry, rz):
+                s, before = int(planes[s, OTHER]), s
+            if s == 0:
                 s, count = count, count + 1
-                if before >= 0:
-                    other[before] = s
+                if before > 0:
+                    planes[before, OTHER] = s
                 else:
-                    keys[place], first[place] = key, s
-            elif seen[s] < way - memory:
-                sums[s, :], planes[s, :] = 0.0, 0.0
-            seen[s] = way
-            own = sums[s]
-            if own[COUNT] >= _FULL:
+                    cells[block, column] = s
+            elif planes[s, SEEN] < way - memory:
+                sums[s, :] = 0.0
+                planes[s, :OTHER] = 0.0
+            planes[s, SEEN] = way
+            if sums[s, COUNT] >= FULL:
                 continue
-            own[COUNT] += 1
-            own[SUM] += x
-            own[SUM + 1] += y
-            own[SUM + 2] += z
-            own[RAY] += rx
-            own[RAY + 1] += ry
-            own[RAY + 2] += rz
-            own[SQUARES] += x * x
-            own[SQUARES + 1] += x * y
-            own[SQUARES + 2] += x * z
-            own[SQUARES + 3] += y * y
-            own[SQUARES + 4] += y * z
-            own[SQUARES + 5] += z * z
-            if own[CHANGED] == 0:
-                own[CHANGED] = 1
-                touched[changed] = s
+            sums[s, COUNT] += 1
+            sums[s, SUM] += x
+            sums[s, SUM + 1] += y
+            sums[s, SUM + 2] += z
+            sums[s, SQUARES] += x * x
+            sums[s, SQUARES + 1] += x * y
+            sums[s, SQUARES + 2] += x * z
+            sums[s, SQUARES + 3] += y * y
+            sums[s, SQUARES + 4] += y * z
+            sums[s, SQUARES + 5] += z * z
+            sums[s, RAY] += rx
+            sums[s, RAY + 1] += ry
+            sums[s, RAY + 2] += rz
+            if has_grown(sums, s):
+                grown[changed] = s
                 changed += 1
     for i in range(changed):
-        s = touched[i]
-        sums[s, CHANGED] = 0
-        fit_plane(sums[s], planes[s])
-    return count
+        if has_grown(sums, grown[i]):
+            fit_plane(sums, planes, grown[i])
+    return count, blocks

@@ -17,7 +17,6 @@ from sgslam.registration.beliefs import Belief
 from sgslam.registration.sampling import TimedPoints
 from sgslam.serialization.state_tree import Packer, Unpacker
 from sgslam.surfels import SurfelMap
-from sgslam.tracking.level_frame import add_seen
 
 SCAN_NS = 100_000_000
 HERE = np.eye(4)
@@ -69,7 +68,7 @@ def surfels_of(
     """What scans at poses show, in the frame to which T (4, 4) leads from the scene's."""
     surfels = SurfelMap()
     for k, T_scene_sensor in enumerate(poses, seed):
-        add_seen(surfels, scan(scene, T_scene_sensor, sensor, k), T @ T_scene_sensor)
+        surfels.add_scan(scan(scene, T_scene_sensor, sensor, k), T @ T_scene_sensor)
     return surfels
 
 

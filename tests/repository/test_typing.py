@@ -19,7 +19,7 @@ from sgslam import Config, KissOdometry, Result, SceneGraphSlam, Update, load_bi
 import sgslam
 
 bim, matcher, config = load_bim("building.ifc"), Matcher.load("voting"), Config()
-slam = SceneGraphSlam(bim=bim, matcher=matcher, config=config, odometry=KissOdometry(config.odometry))
+slam = SceneGraphSlam(bim=bim, matcher=matcher, config=config, odometry=KissOdometry(config.odometry, config.tracking))
 update = slam.add_scan(0, np.zeros((9, 3), np.float32), point_times=np.zeros(9), T_odom_sensor=np.eye(4))
 assert_type(update, Update)
 assert_type(update.T_map_sensor, NDArray[np.float64])

@@ -11,8 +11,8 @@ from data.scans.point_times import Stamped
 from sgslam.as_built.elements.tolerance_classes import parse_length
 from sgslam.config import Config
 from sgslam.config.loading import load_config
-from sgslam.odometry.choice import choose
 from sgslam.odometry.external import ExternalOdometry
+from sgslam.odometry.factory import choose
 from sgslam.session.result import prepare_folder
 
 Start = tuple[float, float, float]

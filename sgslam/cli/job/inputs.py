@@ -18,7 +18,6 @@ from sgslam.cli.compile_ahead import compile_ahead
 from sgslam.cli.job.arguments import Start, out_folder, read_config, read_start, with_stamp
 from sgslam.cli.job.resume_arguments import restore_arguments
 from sgslam.config import Config
-from sgslam.odometry.choice import check_inertial
 from sgslam.odometry.external import ExternalOdometry
 from sgslam.perception.first_scans import in_metres_and_sensor_frame
 from sgslam.report import associate
@@ -89,8 +88,6 @@ def read_job(options: argparse.Namespace, scans: ScanSource | None = None, confi
     if not scans.is_dense:  # too far apart to be registered
         config = config.model_copy(update={"odometry": config.odometry.model_copy(update={"given": "exact"})})
     imu = None if options.imu is None else read_imu(options.imu, options.imu_topic)
-    if external is None and scans.given is None:
-        check_inertial(config.odometry.method, imu is not None)
     truth = None if options.ground_truth is None else Trajectory.read_tum(options.ground_truth)
     stamps = scans.stamps_ns  # None for a bag, whose stamps are known only after reading it
     if truth is not None and stamps is not None and not len(associate(stamps, truth.stamps_ns)[0]):

@@ -19,7 +19,6 @@ from sgslam.cli.job.resume_arguments import run_arguments
 from sgslam.cli.job.scan_loop import Progress
 from sgslam.mapping import KeyframeClouds
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
-from sgslam.odometry.choice import health_note
 from sgslam.report.accuracy import accuracy
 from sgslam.report.tables import badge
 from sgslam.session import Checkpoints, Result
@@ -30,6 +29,10 @@ from sgslam.slam import SceneGraphSlam
 
 _log = logging.getLogger("sgslam")
 _FAR = 10.0  # standard deviations: a truth that is so far off even after alignment is hardly of this drive
+_NOT_JUDGED = (
+    "odometry {} does not judge scans: they are good, or lost after an impossible step; their sigmas come from the "
+    "settings odometry.other_sigma_rotation and other_sigma_translation; health and quality of this run say little"
+)
 _DATED = 946_684_800_000_000_000  # ns, 2000-01-01 in Unix time; smaller stamps are none
 
 
@@ -47,7 +50,8 @@ class Run:
         self._warnings = log_to(_log, out / "run.log", verbose=options.verbose, append=resumed is not None)
         if resumed is None and (out / STATE).is_file():
             _log.warning("%s holds the results of an earlier run, which are overwritten", out)
-        note = health_note(job.config.odometry.method) if job.scans.given is job.external_odometry is None else None
+        is_judged = job.config.odometry.method == "continuous_time" or job.config.odometry.given == "measured"
+        note = None if is_judged else _NOT_JUDGED.format(job.config.odometry.method)
         for notice in [job.scans.note, note, *(job.bim.notices if job.bim is not None else ())]:
             if notice:
                 _log.warning("%s", notice)

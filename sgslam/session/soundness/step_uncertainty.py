@@ -20,10 +20,8 @@ class StepUncertainty(Stateful):
     _STATE = ("_last", "_told")
 
     def __init__(self, settings: OdometrySettings) -> None:
-        own = settings.sigma_rotation, settings.sigma_translation
-        other = settings.other_sigma_rotation, settings.other_sigma_translation
-        self._other = np.repeat(other, 3)
-        self._base = np.repeat(own, 3) if settings.method == "continuous_time" else self._other
+        self._own = np.repeat([settings.sigma_rotation, settings.sigma_translation], 3)
+        self._other = np.repeat([settings.other_sigma_rotation, settings.other_sigma_translation], 3)
         self._last: Floats | None = None
         self._told: Floats | None = None  # since the last keyframe, where an external odometry told it
 
@@ -39,7 +37,7 @@ class StepUncertainty(Stateful):
 
         `external`: an external odometry gave its pose.
         """
-        base = self._other if external else self._base
+        base = self._other if external else self._own
         before, self._last = self._last, covariance
         told, self._told = np.zeros((6, 6)) if self._told is None else self._told, None
         if before is None:

@@ -18,7 +18,8 @@ from sgslam.loops.candidates import Pass, Ties, passes_near, way_driven
 from sgslam.loops.likeness import Widths, similar
 from sgslam.loops.registration import Submap, register
 from sgslam.mapping import Closure, KeyframeNode, WallMap
-from sgslam.tracking.front_end import FrontEnd
+from sgslam.perception import keyframe_scan
+from sgslam.surfels import SurfelMap
 
 SETTINGS = LoopSettings()
 SENSOR = SpinningSensor(azimuths=450)
@@ -85,13 +86,13 @@ def looked_at(building: str) -> tuple[Array, list[KeyframeNode], dict[int, Array
         ahead = (b - a) / np.linalg.norm(b - a)
         way = np.arange(0.0, np.linalg.norm(b - a), 1.2)[:, None]
         steps += [pose(*p, 0.8, float(np.arctan2(ahead[1], ahead[0]))) for p in a + way * ahead]
-    front_end, scene = FrontEnd(Config()), scene_of(boxes)
+    nothing, scene = SurfelMap().surfels(), scene_of(boxes)
     truth, keyframes, clouds = inverse(steps[0]) @ np.array(steps), [], {}
     for i, T in enumerate(steps):
         points = scan(scene, T, SENSOR, i)
         clouds[i] = points[::4].astype(np.float32)
         keyframe = KeyframeNode(i, i, truth[i], truth[i])
-        keyframe.outline = front_end.look(points, np.eye(4), np.eye(3), 0.8).contour
+        keyframe.outline = keyframe_scan(points, nothing, np.eye(4), np.array([0.0, 0.0, 1.0]), 0.8, Config()).contour
         keyframes.append(keyframe)
     return truth, keyframes, clouds
 

@@ -22,7 +22,7 @@ from sgslam.odometry.timed import Kind, TimedOdometry
 from sgslam.registration import Motion, Registration
 from sgslam.registration.sampling import thinned
 from sgslam.registration.smoothing import smoothed
-from sgslam.tracking import CarriedElsewhere, RunTracker, TrackedScan
+from sgslam.tracking import CarriedElsewhere, RunTracker
 
 UP = np.array([0.0, 0.0, 1.0])
 AT = 0.2 * np.arange(50)  # s, of the scans of a run that is smoothed
@@ -115,7 +115,7 @@ def test_a_pause_in_the_scans_counts_as_lost(standing: Standing, pause: float, w
     steps = [step for stamp in stamps for step in tracker.track(stamp, points, np.zeros(len(points)))]
     parts = [step.since_ns / 1e9 for step in steps if isinstance(step, CarriedElsewhere)]
     assert parts == ([pytest.approx(5.9 + pause, abs=0.15)] if is_new_part else [])
-    assert any(isinstance(step, TrackedScan) and step.unconfirmed for step in steps) == waits
+    assert (tracker.held is not None) == waits
 
 
 def test_scans_that_always_come_rarely_are_no_pauses(drive: Drive) -> None:

@@ -12,7 +12,7 @@ from data.imu import ImuSamples
 from data.simulation.imu import ImuModel, measured
 from sgslam.config import ImuSettings, OdometrySettings, TrackingSettings
 from sgslam.geometry.frames import inverse
-from sgslam.inertial import NO_TURNS, Gyroscope, ImuBuffer, MeasuredMotion, measured_up
+from sgslam.inertial import NO_TURNS, ImuBuffer, MeasuredMotion, measured_up
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.odometry.given_motion import GivenMotion
 from sgslam.tracking.clock_offset import ClockOffset
@@ -57,12 +57,6 @@ def buffer(samples: ImuSamples, **settings: object) -> ImuBuffer:
     return imu
 
 
-def gyroscope(samples: ImuSamples) -> Gyroscope:
-    gyro = Gyroscope(buffer(samples))
-    gyro.begin(0)
-    return gyro
-
-
 def motion_by(samples: ImuSamples, **settings: object) -> MeasuredMotion:
     motion = MeasuredMotion(buffer(samples, **settings))
     motion.begin(0)
@@ -74,21 +68,32 @@ def true_changes(knots: Array) -> Array:
     return np.diff(np.diff(shaken(knots)[:, :3, 3], axis=0) / np.diff(knots)[:, None], axis=0)
 
 
+def test_samples_are_kept_for_the_scans_that_need_them() -> None:
+    imu, second_ns = buffer(felt(walking, 60.0)), 10**9  # all before the first scan
+    for second in range(55):
+        assert imu.around((second - 2) * second_ns, second * second_ns) is not None or second < 2
+        imu.forget(second * second_ns)
+    assert imu.around(second_ns, 2 * second_ns) is None
+    newest = imu.newest_ns
+    imu.forget(1000 * second_ns)
+    assert imu.newest_ns == newest is not None
+
+
 def test_turns_between_knots_are_the_true_ones_in_both_directions_of_time() -> None:
-    gyro, poses = gyroscope(felt(walking)), walking(SECONDS)
-    turns, back = gyro.between(SECONDS), gyro.backwards().between(-SECONDS[::-1])
+    motion, poses = motion_by(felt(walking)), walking(SECONDS)
+    turns, back = motion.turns(SECONDS), motion.backwards().turns(-SECONDS[::-1])
     expected = poses[:-1, :3, :3].transpose(0, 2, 1) @ poses[1:, :3, :3]
     assert turns.rotations == pytest.approx(expected, abs=1e-3) and (turns.information > 0).all()
     assert back.rotations[::-1] == pytest.approx(turns.rotations.transpose(0, 2, 1), abs=1e-9)
 
 
 def test_where_samples_are_missing_or_up_is_unknown_nothing_is_told() -> None:
-    silent, knots = Gyroscope(ImuBuffer(ImuSettings())), walking(SECONDS)
-    assert silent.between(SECONDS) is NO_TURNS and np.array_equal(silent.turned(SECONDS, knots), knots)
+    silent, knots = MeasuredMotion(ImuBuffer(ImuSettings())), walking(SECONDS)
+    assert silent.turns(SECONDS) is NO_TURNS and np.array_equal(silent.turned(SECONDS, knots), knots)
     samples = felt(walking)
     kept = (samples.stamps_ns < 3 * 10**8) | (samples.stamps_ns > 5 * 10**8)
     gap = ImuSamples(samples.stamps_ns[kept], samples.gyro[kept], samples.accel[kept])
-    known = gyroscope(gap).between(SECONDS).information > 0
+    known = motion_by(gap).turns(SECONDS).information > 0
     assert list(known[[0, 3, 4, 7]]) == [True, False, False, True]
     motion, late = motion_by(felt(shaken)), KNOTS + 3.0
     assert not motion.changes(KNOTS, shaken(KNOTS), 0.0, np.zeros(3)).information.any()
@@ -98,11 +103,7 @@ def test_where_samples_are_missing_or_up_is_unknown_nothing_is_told() -> None:
 
 def test_the_biases_are_found_by_registration() -> None:
     of_rates, of_forces = np.array([0.01, -0.02, 0.005]), np.array([0.15, -0.2, 0.1])
-    gyro = gyroscope(felt(walking, 10.0, (of_rates, np.zeros(3))))
-    for second in np.arange(0.0, 9.0, 0.1):
-        gyro.follow(second, walking(np.array([second]))[0, :3, :3])
-    assert gyro.bias == pytest.approx(of_rates, abs=1.5e-3)
-    motion, unbiased = motion_by(felt(shaken, 22.0, (np.zeros(3), of_forces))), motion_by(felt(shaken, 22.0))
+    motion, unbiased = motion_by(felt(shaken, 22.0, (of_rates, of_forces))), motion_by(felt(shaken, 22.0))
     for begin in np.arange(0.5, 20.5, 0.1):
         knots = begin + np.array([0.0, 0.05, 0.1])
         changes = motion.changes(knots, shaken(knots), 0.05, UP)
@@ -110,7 +111,7 @@ def test_the_biases_are_found_by_registration() -> None:
         off = np.abs(changes.values - true.values).max()  # m/s in 0.05 s
         assert begin > 0.5 or off > 0.005
         motion.follow(knots, shaken(knots), changes)
-    assert off < 0.0015
+    assert off < 0.0015 and motion.biases[0] == pytest.approx(of_rates, abs=1.5e-3)
 
 
 @pytest.mark.parametrize(

@@ -36,9 +36,9 @@ def nearest(
     point: Point, surfels: SurfelMap, to_sensor: Array = -AHEAD, way: float = 0, error: float = 0, normal: Point = NONE
 ) -> Array | None:
     """The plane nearest to a point, known to an error and with a normal, that a sensor sees from a way off."""
-    at = np.array(point)
-    found = nearest_plane(at, at + to_sensor, np.array(normal), 1.2, error, surfels.arrays, way - 100.0)
-    return None if found < 0 else surfels.arrays.planes[found]
+    x, y, z = np.add(point, to_sensor)
+    found = nearest_plane(point, (x, y, z), normal, 1.2, float(error), surfels.arrays, way - 100.0)
+    return surfels.arrays.planes[found] if found else None
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -1,7 +1,5 @@
 """An IMU that is given to a run, and stamps that name another instant of a scan than its start."""
 
-import sys
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +9,6 @@ from boxes import pose, room, scan, scene_of
 from commands import called, refused
 
 from data.common.errors import UserError
-from data.imu import ImuSamples, write_imu
 from data.scans import Scan, ScanSource
 from data.scans.sources import open_scans
 from data.scans.writers import SCAN_WRITERS
@@ -46,20 +43,6 @@ def test_a_bags_imu_tells_that_the_sensor_hangs_upside_down(tmp_path: Path) -> N
     up = Trajectory.read_tum(tmp_path / "out/trajectory.tum").poses[-1, 2, :3]  # in the sensor's axes
     assert up == pytest.approx([0.0, 0.0, -1.0], abs=0.02)
     assert "no such IMU" in refused("sgslam.run", "--scan-dir", bag, "--imu", bag, "--imu-topic", "/points")
-
-
-def test_a_lidar_inertial_odometry_without_its_library_or_an_imu_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    np.save(tmp_path / "0.npy", scan_points(0))
-    write_imu(ImuSamples(np.arange(3) * 10**7, np.zeros((3, 3)), np.tile(UP, (3, 1))), tmp_path / "imu.csv")
-    for method in ("rko_lio", "genz_lio"):
-        told = ("sgslam.run", "--single-pass", "--scan-dir", tmp_path, "--odometry", method, "--out", tmp_path / "out")
-        if find_spec(method) is not None:
-            assert f"--odometry {method}: needs an IMU; give its samples with --imu FILE" in refused(*told)
-        monkeypatch.setitem(sys.modules, method, None)  # as if it were not installed
-        said = refused(*told, "--imu", tmp_path / "imu.csv")
-        assert f"odometry {method}: the library is not installed; pip install 'sgslam[{method}]'" in said
 
 
 TIMES = np.linspace(0.0, 0.099, 40, dtype=np.float32)  # s, from the first point

@@ -23,12 +23,13 @@ EMPTY_IFC = (
 )
 
 
-def write_walk(folder: Path, height: float = 2.7, carried: float = 1.4) -> Path:
-    """Scans of a room of that height (m), from a sensor that is carried through it at 1 m/s, 0.1 s apart."""
+def write_walk(folder: Path, height: float = 2.7, carried: float = 1.4, begin: float = -1.0) -> Path:
+    """Scans of a room of that height (m), from a sensor that is carried through it from `begin` at 1 m/s, 0.1 s
+    apart."""
     scene = scene_of(room(-5, -4, 5, 4, height))
     folder.mkdir()
     for k in range(COUNT):
-        np.save(folder / f"{k}.npy", scan(scene, pose(0.1 * k - 1, 0.5, carried, 0.2), SENSOR, seed=k))
+        np.save(folder / f"{k}.npy", scan(scene, pose(begin + 0.1 * k, 0.5, carried, 0.2), SENSOR, seed=k))
     return folder
 
 
@@ -174,7 +175,8 @@ def test_feet_are_told_and_metres_not_taken_for_feet(
     height: float, carried: float, in_feet: bool, tmp_path: Path
 ) -> None:
     """In a room and in a hall; the speed tells."""
-    scans = write_walk(tmp_path / "walk", height, carried)
+    # From the middle, rings on the floor look alike after a step of 3 m/s: some trackers take it for standing still.
+    scans = write_walk(tmp_path / "walk", height, carried, begin=-3.0)
     if in_feet:
         scans = write_changed(scans, tmp_path / "scans", 1 / FOOT)
     told = advice(tmp_path / "out", "--scan-dir", scans)

@@ -3,46 +3,37 @@
 import functools
 from collections.abc import Callable
 from copy import deepcopy
-from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
 import pytest
 from boxes import Array, pose, scan
-from carried_off import carried_off
 from walks import SCAN_NS, two_rooms
 
 from data import UserError
-from sgslam.config import Config, OdometrySettings, TrackingSettings
-from sgslam.odometry import Odometry
-from sgslam.odometry.continuous_time import ContinuousTimeOdometry
-from sgslam.registration import Registration
-from sgslam.tracking import CarriedElsewhere, RunTracker, TrackedScan
+from sgslam.config import Config, OdometrySettings
+from sgslam.tracking import RunTracker, TrackedScan
 from sgslam.tracking.run_tracker import TrackingStep
 
 Given = Literal["exact", "measured"]
 
 
-class Recorded(ContinuousTimeOdometry):
-    """One of a caller, which never finds a lost sensor; with the stamps that it got since its state is what it is."""
+class Recorded:
+    """One of a caller, in a frame of its own; with the stamps that it got since its state is what it is."""
 
-    def __init__(self) -> None:
-        super().__init__(TrackingSettings())
+    def __init__(self, poses: list[Array]) -> None:
+        self.poses = poses
         self.stamps: list[int] = []
 
-    def register(self, stamp_ns: int, points: Array, point_times: Array | None = None) -> Registration:
+    def locate(self, stamp_ns: int, points: Array, point_times: Array | None = None) -> Array:
         self.stamps.append(stamp_ns)
-        return super().register(stamp_ns, points, point_times)
-
-    def rejoin(self, other: Odometry) -> bool:
-        return False
+        return pose(100.0, -50.0, 3.0, 2.0) @ self.poses[stamp_ns // SCAN_NS]
 
     def state(self) -> dict[str, Any]:
-        return {"stamps": self.stamps, "own": super().state()}
+        return {"stamps": self.stamps}
 
     def restore(self, state: Any) -> None:
         self.stamps = state["stamps"]
-        super().restore(state["own"])
 
 
 def tracked(steps: list[TrackingStep]) -> list[TrackedScan]:
@@ -50,20 +41,33 @@ def tracked(steps: list[TrackingStep]) -> list[TrackedScan]:
 
 
 @pytest.mark.slow
-def test_an_odometry_of_the_caller_never_gets_an_old_scan() -> None:
-    """After the sensor was carried elsewhere, it tracks as the one of the settings does: from the beginning. Lists
-    serve as arrays."""
-    odometry, steps = Recorded(), list[TrackingStep]()
-    tracker = RunTracker(Config(), odometry)
-    for stamp_ns, points in carried_off():
-        steps += tracker.track(stamp_ns, points, [0.0] * len(points))  # type: ignore[arg-type]
+@pytest.mark.parametrize("given", ["exact", "measured"])
+def test_an_odometry_of_the_caller_gets_each_scan_once_and_its_poses_are_given_ones(given: Given) -> None:
+    """Lists serve as arrays. A restored tracker goes on alike."""
+    (poses, scans), config = way(), Config(odometry=OdometrySettings(given=given))
+    odometry = Recorded(poses)
+    tracker, steps = RunTracker(config, odometry), list[TrackingStep]()
+    for k, points in enumerate(scans):
+        if k == 25:
+            state, odometry = deepcopy(tracker.state()), Recorded(poses)
+            tracker = RunTracker(config, odometry)
+            tracker.restore(state)
+        steps += tracker.track(k * SCAN_NS, points, [0.0] * len(points))  # type: ignore[arg-type]
         assert tracker.times_of(points, [0.0] * len(points)) is not None  # type: ignore[arg-type]
+    with pytest.raises(UserError, match="has a T_odom_sensor, unlike those before"):
+        tracker.track(len(scans) * SCAN_NS, points, T_odom_sensor=np.eye(4))
     steps += tracker.release()
-    assert all(a < b for a, b in pairwise(odometry.stamps)) and odometry.stamps[-1] == 57 * SCAN_NS
-    begins = [step.since_ns for step in steps if isinstance(step, CarriedElsewhere)]
-    assert begins == [odometry.stamps[0]]
-    there = np.stack([step.T_odom_sensor[:3, 3] for step in tracked(steps[-30:])])
-    assert len(there) == 30 and np.linalg.norm(np.diff(there, axis=0), axis=1).max() < 0.06
+    assert odometry.stamps == [k * SCAN_NS for k in range(len(scans))]
+    found = np.stack([step.T_odom_sensor for step in tracked(steps)])
+    true, most = np.linalg.inv(poses[0]) @ np.stack(poses), 1e-6 if given == "exact" else 0.05
+    assert np.linalg.norm((np.linalg.inv(found[0]) @ found - true)[:, :3, 3], axis=1).max() < most
+
+
+def test_a_pose_that_is_none_is_refused() -> None:
+    scans = way()[1]
+    tracker = RunTracker(Config(), Recorded([2.0 * np.eye(4)]))
+    with pytest.raises(UserError, match="scan at 0 ns: the odometry's pose must be"):
+        tracker.track(0, scans[0])
 
 
 @functools.cache

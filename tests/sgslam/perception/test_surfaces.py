@@ -8,10 +8,18 @@ from walks import HERE, surfels_of
 from data.simulation import SpinningSensor
 from sgslam.config import BackendSettings, Config, SurfaceSettings
 from sgslam.geometry.frames import transform_planes
-from sgslam.perception import LevelObservation, WallObservation, extract_levels, extract_walls, sort_into_columns
+from sgslam.perception import (
+    LevelObservation,
+    WallObservation,
+    extract_levels,
+    extract_walls,
+    keyframe_scan,
+    sort_into_columns,
+)
 from sgslam.perception.column_scan import contour
-from sgslam.tracking.front_end import FrontEnd, KeyframeScan, level_to_sensor
-from sgslam.tracking.gravity import refined_up
+from sgslam.perception.gravity import refined_up
+from sgslam.perception.keyframe_scan import KeyframeScan
+from sgslam.surfels import SurfelMap
 
 ROOM = (-3.0, -2.0, 4.0, 2.5)  # lowest x y, highest x y
 PLANES = np.array([[1, 0, 0, 3.0], [-1, 0, 0, 4.0], [0, 1, 0, 2.0], [0, -1, 0, 2.5]])
@@ -163,10 +171,10 @@ def test_large_things_are_surfaces_of_their_own(things: list[Box], expected: lis
 
 def looked(scans: list[Array], poses: list[Array], height: float) -> KeyframeScan:
     """From the last of some poses, whose scan comes once more; the others are before it."""
-    front_end, T = FrontEnd(Config()), poses[-1]
+    surfels = SurfelMap()
     for points, T_odom_sensor in zip(scans, poses, strict=True):
-        front_end.add(points, T_odom_sensor)
-    return front_end.look(scans[-1], T, level_to_sensor(T, UP), height)
+        surfels.add_scan(points, T_odom_sensor)
+    return keyframe_scan(scans[-1], surfels.surfels(), poses[-1], poses[-1][2, :3], height, Config())
 
 
 def angles_deg(a: Array, b: Array) -> Array:
@@ -186,7 +194,7 @@ def test_surfaces_are_found_though_the_tracked_attitude_tilts_and_right_its_vert
     assert np.abs(walls[:, 2]).max() < np.radians(2.0)  # upright in the room, not in `odom`
     floors = transform_planes(T, np.stack([level.plane for level in found.levels if level.is_floor]))
     assert np.abs(floors[:, 3]).min() < 0.03 and angles_deg(floors[:, :3], UP).max() < 1.5
-    alone = FrontEnd(Config()).look(scans[0], poses[0], level_to_sensor(poses[0], UP), 1.2)
+    alone = keyframe_scan(scans[0], SurfelMap().surfels(), poses[0], poses[0][2, :3], 1.2, Config())
     assert alone.sigma_up == np.inf and len(alone.walls) >= 4 and not alone.levels  # no scans before it
 
 

@@ -5,9 +5,8 @@ import pytest
 from boxes import Array, pose
 
 from sgslam.config import Config
-from sgslam.mapping import Floors
-from sgslam.tracking import FloorTransition
-from sgslam.tracking.floor_transition import Arrival
+from sgslam.mapping import Floors, FloorTransition
+from sgslam.mapping.floor_transition import Arrival
 
 HEIGHT = 1.4  # m, of the sensor above the ground
 X = np.arange(0.0, 14.0, 0.1)
@@ -15,10 +14,10 @@ X = np.arange(0.0, 14.0, 0.1)
 
 def follow(ground: Array) -> tuple[list[bool], list[Arrival]]:
     """Whether the sensor is between two floors after each step along x, and the arrivals."""
-    transition, floors = FloorTransition(Config().floors), Floors(Config())
+    transition, floors = FloorTransition(Config().floors, HEIGHT), Floors(Config())
     between, arrivals, level = [], [], 0.0
     for x, z in zip(X, ground, strict=True):
-        arrival = transition.follow(pose(x, 0, z - level + HEIGHT), np.eye(4), HEIGHT, floors)
+        arrival = transition.follow(pose(x, 0, z - level + HEIGHT), np.eye(4), floors)
         if arrival is not None:
             transition.end(arrival)
             arrivals.append(arrival)

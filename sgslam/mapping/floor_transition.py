@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.config import FloorSettings
-from sgslam.mapping import FloorMap, Floors
+from sgslam.mapping.floors import FloorMap, Floors
 from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
@@ -29,25 +29,23 @@ class FloorTransition(Stateful):
     """Follows the height of the ground under the sensor above its floor.
 
     `active`: between two floors. `ground` (m): height of the ground under the robot above its floor, on steps or ramps.
+    `height` (m): the sensor's above the ground; a guess until a floor was seen.
     """
 
-    _STATE = ("active", "ground", "_way", "_lowest", "_highest")
+    _STATE = ("active", "ground", "height", "_way", "_lowest", "_highest")
 
-    def __init__(self, settings: FloorSettings) -> None:
-        self._settings = settings
+    def __init__(self, settings: FloorSettings, height: float) -> None:
+        self._settings, self.height = settings, height
         self.active, self.ground = False, 0.0
         # (N, 3) x, y and height of the ground in the level frame: the newest since the floor was left, as far as they
         # may be level ground; and the extreme heights of all
         self._way: Floats = np.empty((0, 3))
         self._lowest, self._highest = 0.0, 0.0
 
-    def follow(self, T_level_sensor: Floats, T_level_map: Floats, height: float, floors: Floors) -> Arrival | None:
-        """Adds a pose (4, 4) in the level frame of the present floor; returns the arrival on a floor, if any.
-
-        `height` (m) is the sensor's above the ground.
-        """
+    def follow(self, T_level_sensor: Floats, T_level_map: Floats, floors: Floors) -> Arrival | None:
+        """Adds a pose (4, 4) in the level frame of the present floor; returns the arrival on a floor, if any."""
         settings = self._settings
-        here = np.array([*T_level_sensor[:2, 3], T_level_sensor[2, 3] - height])
+        here = np.array([*T_level_sensor[:2, 3], T_level_sensor[2, 3] - self.height])
         if not self.active:
             self.active = abs(here[2] - self.ground) > settings.left
             self._way = here[None]
