@@ -96,7 +96,10 @@ def _rko_lio(first: Scan, rest: ImuSamples) -> Library:
 
 def _genz_lio(_first: Scan, rest: ImuSamples) -> Library:
     """An error-state Kalman filter on planes of a voxel map, and on points where there are none."""
-    import genz_lio
+    try:
+        import genz_lio
+    except ModuleNotFoundError:
+        raise UserError("GenZ-LIO is not installed; pip install genz_lio (GPL-2.0), or leave it out") from None
 
     config = genz_lio.load_config(Path(genz_lio.__file__).parent / GENZ_CONFIG)
     config.max_threads = 1
