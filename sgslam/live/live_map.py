@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from data.scans import Scan, ScanSource
 from data.scans.scan import SkippedScan
+from matching.matcher import make_ready
 from sgslam.live.answer import HeldAnchor
 from sgslam.live.messages import FinishMessage, LiveInputs, MapState, Pose2, TrackedMessage
-from sgslam.live.warm_up import warm_up
 from sgslam.slam import SceneGraphSlam
+from sgslam.warm_up import warm_up
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -52,6 +53,7 @@ class LiveMap:
         self._scans = _ComeAndGone(out)
         job = read_job(options, self._scans, inputs.config)
         self._run, self._matcher = Run(job, out), job.matcher
+        make_ready(job.matcher)
         self._steps = 0
         self._anchors: tuple[HeldAnchor, ...] = ()
         _log.info("live: the scans come from another process, tracked")

@@ -17,9 +17,9 @@ from sgslam.live.latencies import Latencies
 from sgslam.live.log_lines import LogLines
 from sgslam.live.mapping_process import MappingProcess
 from sgslam.live.messages import FinishMessage, LiveInputs, MapState, StartMessage, TrackedMessage
-from sgslam.live.warm_up import warm_up
 from sgslam.registration import Health
 from sgslam.tracking import CarriedElsewhere, RunTracker, TrackedScan, TrackingStep
+from sgslam.warm_up import compile_ahead, warm_up
 
 Floats = NDArray[np.float64]
 MOST_WAITING = 600  # scans: a minute at 10 Hz; 20,000 points take 0.5 MB
@@ -55,6 +55,7 @@ class LiveSlam:
         return live
 
     def _begin(self, inputs: LiveInputs, most_waiting: int) -> None:
+        compile_ahead().wait()
         self._tracking, self._part = RunTracker(inputs.config), 0
         self._T_odom_sensor: Floats = np.eye(4)
         self._health: Health | None = None

@@ -14,7 +14,6 @@ from data.scans.sources import open_scans
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
 from sgslam.anchoring import check_storey
-from sgslam.cli.compile_ahead import compile_ahead
 from sgslam.cli.job.arguments import Start, out_folder, read_config, read_start, with_stamp
 from sgslam.cli.job.resume_arguments import restore_arguments
 from sgslam.config import Config
@@ -22,6 +21,7 @@ from sgslam.odometry.external import ExternalOdometry
 from sgslam.perception.first_scans import in_metres_and_sensor_frame
 from sgslam.report import associate
 from sgslam.session import PriorMap
+from sgslam.warm_up import compile_ahead
 
 
 class MatcherWithStart:
@@ -100,8 +100,7 @@ def read_job(options: argparse.Namespace, scans: ScanSource | None = None, confi
     if bim is not None:
         check_storey(bim.graph, options.storey)
     read, spent = perf_counter() - began, process_time() - cpu_began
-    is_matched = bim is not None or prior is not None
-    compile_ahead(matcher, config.matching.method if is_matched else None)  # not counted in the run's time
+    compile_ahead().wait()  # not counted in the run's time
     began, cpu_began = perf_counter() - read, process_time() - spent
     return Job(
         options, resumed, config, external, start, MatcherWithStart(matcher, start), prior, scans, truth, bim, imu,
