@@ -57,6 +57,7 @@ def folder(version: str) -> Path:
         what = "compiled code cannot be kept (%s): every run compiles again; set NUMBA_CACHE_DIR to a writable folder"
         _log.warning(what, error)
         chosen = Path(tempfile.mkdtemp(prefix="sgslam-")) / f"sgslam-{version}"
+        chosen.mkdir()
         atexit.register(shutil.rmtree, chosen.parent, ignore_errors=True)
         return chosen
     with suppress(OSError):

@@ -124,7 +124,7 @@ def _yaw_modes(yaw: Array, weight: Array) -> Array:
     bins = round(2 * np.pi / YAW_BIN)
     count = np.bincount(np.floor((yaw + np.pi) / YAW_BIN).astype(np.int64) % bins, weight, bins)
     smooth = np.sum([(3 - abs(k)) * np.roll(count, -k) for k in range(-2, 3)], axis=0)
-    angle: Array = -np.pi + (np.arange(bins) + 0.5) * YAW_BIN
+    angle = np.arange(0.5 - bins / 2, bins / 2) * YAW_BIN
     modes: list[float] = []
     least = 0.1 * smooth.max()
     while len(modes) < YAW_MODES and smooth.max() >= least:
