@@ -3,6 +3,7 @@
 import atexit
 import logging
 import shutil
+import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -32,14 +33,15 @@ def sources(root: Path) -> list[Path]:
 
 
 def version(root: Path) -> str:
-    """A hash of the sources, of numba's version and of the processor's instructions. Numba itself only checks a
-    function's own file and would keep outdated callees and constants.
+    """A hash of the sources, where and when they were installed, and of what they are compiled by and for. Numba itself
+    only checks a function's own file and would keep outdated callees and constants.
     """
     digest = blake2b(digest_size=8)
-    machine = (numba.__version__, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten())
-    digest.update(" ".join(machine).encode())
+    made_by = (sys.implementation.cache_tag, numba.__version__)
+    made_for = (llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten())
+    digest.update(repr((str(root), made_by, made_for)).encode())
     for path in sources(root):
-        digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
+        digest.update(f"{path.relative_to(root)} {path.stat().st_mtime_ns}\n".encode() + path.read_bytes())
     return digest.hexdigest()
 
 
