@@ -11,8 +11,8 @@ from data.scans import Scan
 from data.trajectory import Trajectory
 from sgslam.config import Config
 from sgslam.geometry.frames import level_at
-from sgslam.tracking import TrackedScan
 from sgslam.tracking.run_tracker import CarriedElsewhere, RunTracker, TrackingStep
+from sgslam.types import TrackedScan
 
 AddImu = Callable[[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]], None]
 _SCAN_NS = 200_000_000  # as long as a scan lasts at most

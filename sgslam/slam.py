@@ -19,7 +19,7 @@ from sgslam.config import Config
 from sgslam.loops import LoopCloser
 from sgslam.mapping import KeyframeClouds
 from sgslam.odometry import Odometry
-from sgslam.registration import Health
+from sgslam.registration.motion import deskewed
 from sgslam.session import PriorMap, Result, Session, Snapshot, Stopwatch, Update
 from sgslam.session.adjusting import adjust
 from sgslam.session.finishing import assemble_result
@@ -27,7 +27,8 @@ from sgslam.session.scan_poses import at_stamps
 from sgslam.session.second_pass import second_pass
 from sgslam.session.snapshot import take_snapshot
 from sgslam.session.soundness.scan_uncertainty import live_sigma
-from sgslam.tracking import CarriedElsewhere, RunTracker, TrackedScan, TrackingStep
+from sgslam.tracking import CarriedElsewhere, RunTracker, TrackingStep
+from sgslam.types import Health, TrackedScan
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -132,7 +133,9 @@ class SceneGraphSlam:
         """Adds a tracked scan to the map."""
         current = self._map
         if current.add_scan(scan):
-            current.add_keyframe(scan.points)  # with the walls and floor extracted from it
+            current.add_keyframe(
+                deskewed(scan.registration, scan.raw.points)
+            )  # with the walls and floor extracted from it
             if current.has_grown:
                 current.update()  # matches and anchors, optimises, closes loops, segments rooms
 

@@ -12,9 +12,9 @@ from data.common.compiling import once_on_two_cores
 from matching.matcher import make_ready
 from sgslam.config import TrackingSettings
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
-from sgslam.registration import Motion
 from sgslam.registration.sampling import thinned
 from sgslam.registration.smoothing import smoothed
+from sgslam.types import Motion
 
 _ROOM = np.array([3.0, 4.0, 1.5])  # m, from the sensor in its middle to the walls and the ceiling
 _PERIOD = 100_000_000  # ns between scans

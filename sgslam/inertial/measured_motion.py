@@ -14,13 +14,13 @@ from sgslam.inertial.preintegration import (
     NO_TURNS,
     Changes,
     Turns,
-    UnsteadyTurn,
     no_changes,
     preintegrated,
     unsteady,
     velocity_changes,
 )
 from sgslam.serialization import Stateful
+from sgslam.types import UnsteadyTurn
 
 Floats = NDArray[np.float64]
 _BETWEEN = 1.0  # s from one measurement of a bias to the next: registration's error is then small against the motion

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.geometry.poses import poses_to_xyzquat
-from sgslam.registration import Health
+from sgslam.types import Health
 
 Floats = NDArray[np.float64]
 

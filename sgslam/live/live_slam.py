@@ -18,8 +18,8 @@ from sgslam.live.log_lines import LogLines
 from sgslam.live.mapping_process import MappingProcess
 from sgslam.live.messages import FinishMessage, LiveInputs, MapState, StartMessage, TrackedMessage
 from sgslam.live.warm_up import warm_up
-from sgslam.registration import Health
-from sgslam.tracking import CarriedElsewhere, RunTracker, TrackedScan, TrackingStep
+from sgslam.tracking import CarriedElsewhere, RunTracker, TrackingStep
+from sgslam.types import Health, TrackedScan
 
 Floats = NDArray[np.float64]
 MOST_WAITING = 600  # scans: a minute at 10 Hz; 20,000 points take 0.5 MB

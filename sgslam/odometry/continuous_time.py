@@ -14,17 +14,18 @@ from sgslam.geometry.frames import inverse, transform_points
 from sgslam.inertial import NO_TURNS, Changes, MeasuredMotion, no_changes
 from sgslam.odometry.base import State
 from sgslam.odometry.given_motion import GivenMotion
-from sgslam.registration import Health, Motion, Registration
 from sgslam.registration.attempts import best_attempt
 from sgslam.registration.beliefs import Belief, MotionModel
 from sgslam.registration.free_space import shares_seen_through
 from sgslam.registration.health import judged
+from sgslam.registration.motion import points_and_rays, pose_at, velocity_after
 from sgslam.registration.motion_prior import NO_STEPS, moved_on
 from sgslam.registration.points import UNKNOWN, Weights
 from sgslam.registration.relocation import likely_poses
-from sgslam.registration.sampling import TimedPoints, thinned
+from sgslam.registration.sampling import steadied_points, thinned
 from sgslam.registration.window import Solved, Window, solve, window_knots
 from sgslam.surfels import SurfelMap
+from sgslam.types import Health, Motion, Registration, TimedPoints
 
 Floats = NDArray[np.float64]
 _BLIND = 50  # points: fewer do not tell where a scan was taken; the sensor is covered
@@ -100,7 +101,7 @@ class ContinuousTimeOdometry:
         began = (stamp_ns - self._first_ns) / 1e9
         scan, side = thinned(points, point_times, began, self._side, self._settings)
         unsteady = None if self._imu is None else self._imu.unsteady(scan.knot_seconds)
-        scan = scan if unsteady is None else scan.steadied(unsteady)
+        scan = scan if unsteady is None else steadied_points(scan, unsteady)
         if is_after_pause := self._scans > 1 and self._is_after_pause(scan):
             self._lost, self._lost_at = True, self._beliefs[-1].seconds  # as if it had been covered for as long
         found = self._lose(scan, 0.0) if len(scan.points) < _BLIND else self._found(scan, side)
@@ -110,7 +111,7 @@ class ContinuousTimeOdometry:
                 self._early = None
         motion = Motion(scan.knot_seconds - began, found.knots)
         return Registration(
-            motion.at(0.0), found.covariance, found.health, found.share, motion, point_times, found.unconstrained,
+            pose_at(motion, 0.0), found.covariance, found.health, found.share, motion, point_times, found.unconstrained,
             None if unsteady is None else unsteady.later(-began), is_after_pause, scan.later(-began),
         )  # fmt: skip
 
@@ -138,7 +139,7 @@ class ContinuousTimeOdometry:
         velocity = np.zeros(6)
         for _ in range(_ROUNDS if len(first.knot_seconds) > 1 else 0):
             # where the first scan was given too little motion, the second shows as much too much
-            velocity = (velocity + Motion(solved.seconds, solved.knots).velocity(0)) / 2
+            velocity = (velocity + velocity_after(Motion(solved.seconds, solved.knots), 0)) / 2
             steady = self._model.steady(np.eye(4), velocity, first.knot_seconds)
             knots = self._turned(first.knot_seconds, steady)
             self._beliefs = [self._model.known(float(first.knot_seconds[-1]), knots[-1])]
@@ -263,7 +264,7 @@ class ContinuousTimeOdometry:
         is_new = float(scan.knot_seconds[-1]) - self._lost_at < settings.usual_memory
         if not is_new and relative >= settings.suspicious:
             return False
-        points = Motion(scan.knot_seconds, knots).placed(scan.points, scan.seconds)
+        points, _ = points_and_rays(Motion(scan.knot_seconds, knots), scan.points, scan.seconds)
         oldest = self._way - settings.local_map
         of_rays, of_surfaces = shares_seen_through(points, knots[0, :3, 3], self._map.arrays, oldest)
         return of_rays > _MOST_RAYS or of_surfaces > settings.seen_through
@@ -318,7 +319,7 @@ class ContinuousTimeOdometry:
             back._add(scan, result.motion.knots)
         knots = np.concatenate([result.motion.knots for result in results[count : count + 2]])
         seconds = np.concatenate([scan.knot_seconds for scan in early[count : count + 2]])
-        velocity, lasted = -Motion(seconds, knots).velocity(0), float(seconds[1] - seconds[0])
+        velocity, lasted = -velocity_after(Motion(seconds, knots), 0), float(seconds[1] - seconds[0])
         back._beliefs = [back._model.moving(-float(seconds[0]), knots[0], velocity, lasted)]
         back._scans, back._usual, back._height = self._scans, self._usual, self._height
         again = []
@@ -327,7 +328,7 @@ class ContinuousTimeOdometry:
             motion = Motion(result.motion.seconds, found.knots[::-1].copy())
             again.append(
                 replace(
-                    result, T_odom_sensor=motion.at(0.0), covariance=found.covariance, health=found.health,
+                    result, T_odom_sensor=pose_at(motion, 0.0), covariance=found.covariance, health=found.health,
                     share=found.share, motion=motion, unconstrained=found.unconstrained,
                 )
             )  # fmt: skip
@@ -362,7 +363,8 @@ class ContinuousTimeOdometry:
     def _likely_poses(self, other: "ContinuousTimeOdometry", newest: TimedPoints) -> list[Floats]:
         """T_odom_other (4, 4) of the places near the last known one where the other's newest scan would fit best."""
         last = other._older_knots[-1]
-        placed = Motion(newest.knot_seconds, other._older_knots).placed(newest.points, newest.seconds)
+        motion = Motion(newest.knot_seconds, other._older_knots)
+        placed, _ = points_and_rays(motion, newest.points, newest.seconds)
         seen = np.hstack([transform_points(inverse(last), placed), newest.points[:, 3:]])
         local = self._map.arrays, self._way - self._settings.local_map
         assert self._up is not None
@@ -370,7 +372,7 @@ class ContinuousTimeOdometry:
 
     def _add(self, scan: TimedPoints, knots: Floats) -> None:
         """Adds a scan to the map."""
-        seen = Motion(scan.knot_seconds, knots).seen(scan.points, scan.seconds)
+        seen = points_and_rays(Motion(scan.knot_seconds, knots), scan.points, scan.seconds)
         self._map.add(*seen, self._way, self._settings.local_map)
 
     def state(self) -> dict[str, Any]:

@@ -13,8 +13,8 @@ from sgslam.geometry.frames import inverse, squared_up
 from sgslam.odometry.base import State
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.perception.point_times import Rule, even_times, guessed_times
-from sgslam.registration import Motion, Registration
 from sgslam.registration.motion_prior import velocity_between
+from sgslam.types import Motion, Registration
 
 Floats = NDArray[np.float64]
 Kind = Literal["snapshot", "order"]

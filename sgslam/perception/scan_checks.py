@@ -1,6 +1,5 @@
 """Checks a scan before it is processed."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -8,21 +7,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from data import UserError
 from sgslam.geometry.frames import is_rigid
+from sgslam.types import RawScan
 
 Floats = NDArray[np.float64]
 LONGEST_SCAN = 2.0  # s, of a scan; sensors in motion take 0.05 to 0.2
-
-
-@dataclass(frozen=True, eq=False)
-class RawScan:
-    """An unprocessed scan: points (N, 3) in the sensor frame, with optional times (N,), in seconds after the stamp, and
-    T_odom_sensor (4, 4) of an external odometry, with the covariance (6, 6) of its motion since the scan before."""
-
-    stamp_ns: int
-    points: Floats
-    point_times: Floats | None
-    T_odom_sensor: Floats | None
-    step_covariance: Floats | None = None
 
 
 def checked_scan(

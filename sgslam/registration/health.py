@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.config import TrackingSettings
-from sgslam.registration.types import Health
 from sgslam.registration.window import Solved
+from sgslam.types import Health
 
 Floats = NDArray[np.float64]
 

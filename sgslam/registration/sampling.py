@@ -1,7 +1,7 @@
 """Thins a scan out to points spread evenly in space."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.geometry.normal_equations import principal_axes
-from sgslam.inertial import UnsteadyTurn
+from sgslam.inertial import steadied
 from sgslam.registration.points import UNKNOWN
+from sgslam.types import TimedPoints, UnsteadyTurn
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -22,35 +23,6 @@ _FLAT = 4.0  # times the variance across, that along a surface in its narrower d
 _NOISE = 0.02  # m, standard deviation of a range: by it alone, the points of one ring spread along their rays
 _HALF = 2.0**20  # cells, so that no index is negative
 _SHORTEST = 1e-3  # s; a shorter scan is a snapshot
-
-
-@dataclass(frozen=True, eq=False)
-class TimedPoints:
-    """Points (N, 6) of a scan that are used, in the sensor frame, measured at `seconds` (N,).
-
-    Their first three columns are places, the others normals of the scan's surfaces there; zero where it shows none.
-
-    `knot_seconds` (K,) divide the scan into pieces of steady motion; one knot for a snapshot. `plane_of` (N,) are the
-    surfels of the local map that the points lie on, as far as known.
-    """
-
-    points: Floats
-    seconds: Floats
-    knot_seconds: Floats
-    plane_of: Ints32
-
-    def later(self, seconds: float) -> "TimedPoints":
-        """The same points, measured so many seconds later."""
-        return TimedPoints(self.points, self.seconds + seconds, self.knot_seconds + seconds, self.plane_of)
-
-    def reversed(self) -> "TimedPoints":
-        """The same points, as time runs backwards."""
-        return TimedPoints(self.points, -self.seconds, -self.knot_seconds[::-1], self.plane_of)
-
-    def steadied(self, turn: UnsteadyTurn) -> "TimedPoints":
-        """The same points, of a sensor that turns steadily between the knots."""
-        parts = [turn.steadied(own, self.seconds) for own in np.hsplit(self.points, 2)]
-        return TimedPoints(np.hstack(parts), self.seconds, self.knot_seconds, self.plane_of)
 
 
 def thinned(
@@ -75,6 +47,12 @@ def thinned(
     pieces = math.ceil((last - first) / settings.knot_interval - 1e-3)
     knots = np.linspace(began + first, began + last, pieces + 1)
     return TimedPoints(chosen, began + point_times[own], knots, unknown), side
+
+
+def steadied_points(scan: TimedPoints, turn: UnsteadyTurn) -> TimedPoints:
+    """The same points, of a sensor that turns steadily between the knots."""
+    parts = [steadied(turn, own, scan.seconds) for own in np.hsplit(scan.points, 2)]
+    return replace(scan, points=np.hstack(parts))
 
 
 def one_a_cell(points: Floats, side: float, nearest: float, farthest: float) -> Ints:

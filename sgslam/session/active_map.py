@@ -16,11 +16,12 @@ from sgslam.geometry.frames import inverse, level_at, level_map, raised, squared
 from sgslam.loops import LoopCloser
 from sgslam.mapping import Anchors, Floors, FloorTransition, KeyframeClouds, KeyframeNode, KeyframeRule
 from sgslam.perception import keyframe_scan
+from sgslam.registration.motion import few_points, motion_since_begin
 from sgslam.session.scan_poses import ScanPose
 from sgslam.session.soundness.step_uncertainty import StepUncertainty
 from sgslam.session.stopwatch import Stopwatch
 from sgslam.surfels import SurfelMap
-from sgslam.tracking import TrackedScan
+from sgslam.types import TrackedScan
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -103,7 +104,7 @@ class ActiveMap:
         self.scans.append(
             ScanPose(
                 scan.raw.stamp_ns, scan.T_odom_sensor, T_map_sensor, max(len(keyframes) - 1, 0), since,
-                health=scan.health, covariance=scan.covariance, T_begin_sensor=scan.T_begin_sensor,
+                health=scan.health, covariance=scan.covariance, T_begin_sensor=motion_since_begin(scan),
             )
         )  # fmt: skip
         self._covariance, self.is_external = scan.covariance, scan.raw.T_odom_sensor is not None
@@ -113,7 +114,7 @@ class ActiveMap:
         if scan.health == "lost" and keyframes:
             return False
         with self.stopwatch("surfaces"):
-            thinned = scan.registration.thinned(scan.raw.points, self._config.tracking)
+            thinned = few_points(scan.registration, scan.raw.points, self._config.tracking)
             self._surfels.add_scan(thinned, scan.T_odom_sensor)
         landed = self._follow_floor(self.scans[-1])
         return self._keyframe_rule.wants(T_map_sensor) or landed

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from data.scans import Scan
 from sgslam.config import TrackingSettings
-from sgslam.registration import Motion
-from sgslam.registration.sampling import TimedPoints, thinned
+from sgslam.registration.motion import pose_at
+from sgslam.registration.sampling import thinned
 from sgslam.registration.smoothing import smoothed
 from sgslam.session.active_map import ActiveMap
 from sgslam.session.scan_poses import smooth
+from sgslam.types import Motion, TimedPoints
 
 Floats = NDArray[np.float64]
 TimesOf: TypeAlias = Callable[[Floats, Floats | None], Floats | None]
@@ -41,11 +42,11 @@ def second_pass(final: ActiveMap, scans: Iterable[Scan], times_of: TimesOf, sett
         is_known = np.array([scan.health != "lost" for scan in final.scans])
         _log.info("second pass: all %d scans are registered again", len(stamps))
         motion = smoothed(again, start, is_known, settings)
-        poses = np.stack([motion.at(second) for second in at])
+        poses = np.stack([pose_at(motion, second) for second in at])
         of_points = poses.copy()
         for i, (scan, own) in enumerate(zip(final.scans, again, strict=True)):
             if scan.T_begin_sensor is not None:  # the pose at a later stamp was less certain than that of the points
-                of_points[i] = motion.at(own.knot_seconds[0]) @ scan.T_begin_sensor
+                of_points[i] = pose_at(motion, own.knot_seconds[0]) @ scan.T_begin_sensor
         final.take_tracked(poses, of_points)
     final.complete()
     return True

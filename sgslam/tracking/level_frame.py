@@ -8,11 +8,11 @@ from scipy.spatial.transform import Rotation
 
 from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import inverse, levelling
-from sgslam.perception import RawScan
 from sgslam.perception.gravity import Gravity, find_gravity
-from sgslam.registration import Registration
+from sgslam.registration.motion import few_points
 from sgslam.serialization import Stateful
 from sgslam.surfels import SurfelMap
+from sgslam.types import RawScan, Registration
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -115,7 +115,7 @@ class LevelFrame(Stateful):
         surfels, T_first_odom = SurfelMap(), inverse(results[0].T_odom_sensor)
         poses = [T_first_odom @ result.T_odom_sensor for result in results]
         for raw, result, T_first_sensor in zip(raws, results, poses, strict=True):
-            surfels.add_scan(result.thinned(raw.points, self._settings), T_first_sensor)
+            surfels.add_scan(few_points(result, raw.points, self._settings), T_first_sensor)
         places, measured = np.stack(poses)[:, :3, 3], self._measured
         if measured is not None:
             return find_gravity(surfels.surfels(), places, measured, True)

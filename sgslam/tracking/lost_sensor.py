@@ -5,8 +5,8 @@ from typing import Any
 
 from sgslam.config import TrackingSettings
 from sgslam.odometry.timed import TimedOdometry
-from sgslam.perception import RawScan
 from sgslam.serialization import Stateful
+from sgslam.types import RawScan
 
 
 class LostSensor(Stateful):

@@ -14,9 +14,10 @@ from sgslam.geometry.frames import is_rigid
 from sgslam.inertial import ImuBuffer
 from sgslam.odometry import Odometry, make_odometry
 from sgslam.odometry.given_motion import GivenMotion
-from sgslam.perception import RawScan, checked_scan
+from sgslam.perception import checked_scan
 from sgslam.tracking.clock_offset import ClockOffset
-from sgslam.tracking.scan_tracker import ScanTracker, TrackedScan
+from sgslam.tracking.scan_tracker import ScanTracker
+from sgslam.types import RawScan, TrackedScan
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)

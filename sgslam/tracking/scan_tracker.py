@@ -1,7 +1,7 @@
 """Tracks scan after scan: each is registered by the odometry, in a frame that is level and never jumps."""
 
 import logging
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,57 +13,13 @@ from sgslam.inertial import ImuBuffer, MeasuredMotion, measured_up
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.odometry.given_motion import GivenMotion
 from sgslam.odometry.timed import TimedOdometry
-from sgslam.perception import RawScan
-from sgslam.registration import Health, Registration
 from sgslam.serialization import Stateful
 from sgslam.tracking.level_frame import LevelFrame
 from sgslam.tracking.lost_sensor import LostSensor
+from sgslam.types import RawScan, Registration, TrackedScan
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, eq=False)
-class TrackedScan:
-    """A scan with its pose `T_odom_sensor` (4, 4) at its stamp, in a level frame.
-
-    `registration` is in the odometry's frame; its covariance is that of the pose against the odometry's map. The scan
-    is `unconfirmed` in the first seconds after the sensor was lost for longer: it may be in a place that looks alike.
-    After a pause in the scans the sensor counts as lost for as long.
-    """
-
-    raw: RawScan
-    registration: Registration
-    T_odom_sensor: Floats
-    unconfirmed: bool = False
-
-    @property
-    def health(self) -> Health:
-        """How the scan fits the odometry's map."""
-        return self.registration.health
-
-    @property
-    def covariance(self) -> Floats:
-        """(6, 6), rotation first, in the sensor's axes."""
-        return self.registration.covariance
-
-    @property
-    def points(self) -> Floats:
-        """(N, 3) all points, as at the stamp."""
-        return self.registration.undistorted(self.raw.points)
-
-    @property
-    def T_begin_sensor(self) -> Floats | None:  # noqa: N802
-        """(4, 4) the motion since the first point, where that is before the stamp."""
-        motion = self.registration.motion
-        if motion.seconds[0] >= 0:
-            return None
-        return inverse(motion.at(motion.seconds[0])) @ self.registration.T_odom_sensor
-
-    @property
-    def waits(self) -> bool:
-        """Whether the scan is not to join the map yet."""
-        return self.unconfirmed or self.health == "lost"
 
 
 class ScanTracker(Stateful):

@@ -19,10 +19,11 @@ from data.trajectory import Trajectory
 from sgslam.config import Config, TrackingSettings
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.odometry.timed import Kind, TimedOdometry
-from sgslam.registration import Motion, Registration
+from sgslam.registration.motion import pose_at
 from sgslam.registration.sampling import thinned
 from sgslam.registration.smoothing import smoothed
 from sgslam.tracking import CarriedElsewhere, RunTracker
+from sgslam.types import Motion, Registration
 
 UP = np.array([0.0, 0.0, 1.0])
 AT = 0.2 * np.arange(50)  # s, of the scans of a run that is smoothed
@@ -147,7 +148,7 @@ def smoothed_poses(clouds: list[Array], start: Array, known: Array | None = None
     settings, known = TrackingSettings(), np.ones(len(clouds), bool) if known is None else known
     used = [thinned(cloud, None, second, 0.1, settings)[0] for cloud, second in zip(clouds, AT, strict=True)]
     motion = smoothed(used, Motion(AT, start.copy()), known, settings)
-    return np.stack([motion.at(second) for second in AT])
+    return np.stack([pose_at(motion, second) for second in AT])
 
 
 def off(poses: Array, truth: Array) -> Array:

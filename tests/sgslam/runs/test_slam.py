@@ -19,11 +19,10 @@ from data.trajectory import Trajectory
 from matching import MatchResult
 from matching.result import Status
 from sgslam.config import Config, QualitySettings, TrackingSettings
-from sgslam.registration import Motion
-from sgslam.registration.sampling import TimedPoints
 from sgslam.session import Result
 from sgslam.session.scan_poses import ScanPose, with_unplaced
 from sgslam.slam import SceneGraphSlam
+from sgslam.types import Motion, TimedPoints
 
 
 @pytest.fixture(scope="module")

@@ -13,9 +13,9 @@ from data.geometry.raycast import TriangleScene
 from data.simulation import SpinningSensor
 from sgslam.config import TrackingSettings
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
-from sgslam.perception import RawScan
 from sgslam.perception.gravity import Gravity, find_gravity
 from sgslam.tracking.level_frame import LevelFrame
+from sgslam.types import RawScan
 
 NS = 1_000_000_000
 EXPECTED = np.array([0.0, 0.0, 1.0])

@@ -12,8 +12,9 @@ from walks import SCAN_NS, two_rooms
 
 from data import UserError
 from sgslam.config import Config, OdometrySettings
-from sgslam.tracking import RunTracker, TrackedScan
+from sgslam.tracking import RunTracker
 from sgslam.tracking.run_tracker import TrackingStep
+from sgslam.types import TrackedScan
 
 Given = Literal["exact", "measured"]
 
