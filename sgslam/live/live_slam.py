@@ -133,7 +133,7 @@ class LiveSlam:
     def _hand_over(self, steps: list[TrackingStep]) -> None:
         for step in steps:
             self._part += isinstance(step, CarriedElsewhere)
-            self._map.put(TrackedMessage(step, tuple(self._tracking.advice)))
+            self._map.put(TrackedMessage(step, self._tracking.notes))
 
     def _newest(self, steps: list[TrackingStep]) -> tuple[Floats, Health | None]:
         """(4, 4) T_odom_sensor of the newest scan and its health, None while it waits."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from data.scans.scan import SkippedScan
 from sgslam.config import Config
 from sgslam.live.answer import HeldAnchor
-from sgslam.tracking import TrackingStep
+from sgslam.tracking import TrackerNotes, TrackingStep
 
 Floats = NDArray[np.float64]
 Pose2 = tuple[float, float, float]  # x, y (m), yaw (rad) in the BIM frame
@@ -33,10 +33,10 @@ class LiveInputs:
 
 @dataclass(frozen=True, eq=False)
 class TrackedMessage:
-    """A step of the tracker, and its advice so far."""
+    """A step of the tracker, and its notes then."""
 
     step: TrackingStep
-    advice: tuple[str, ...]
+    notes: TrackerNotes
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,16 @@ class CarriedElsewhere:
 TrackingStep: TypeAlias = TrackedScan | CarriedElsewhere
 
 
+@dataclass(frozen=True)
+class TrackerNotes:
+    """What the result of a run says of its tracking: lines of advice, whether nothing but the usual mount says that the
+    sensor does not hang upside down, and whether there is an IMU."""
+
+    advice: tuple[str, ...] = ()
+    is_way_up_assumed: bool = False
+    has_imu: bool = False
+
+
 class RunTracker:
     """The tracker of a run: raw scans in, steps for the map out.
 
@@ -138,14 +148,9 @@ class RunTracker:
         return [*self._advice, *(line for line in (self._tracker.advice, self._clock.advice) if line)]
 
     @property
-    def is_way_up_assumed(self) -> bool:
-        """Whether nothing but the usual mount says that the sensor does not hang upside down."""
-        return self._tracker.is_way_up_assumed
-
-    def times_of(self, points: Floats, point_times: Floats | None) -> Floats | None:
-        """(N,) the times of a scan's points (N, 3), told or not, by what is known now; None for a snapshot."""
-        times = None if point_times is None else np.asarray(point_times, np.float64)
-        return self._tracker.times_of(points, times)
+    def notes(self) -> TrackerNotes:
+        """What is known so far."""
+        return TrackerNotes(tuple(self.advice), self._tracker.is_way_up_assumed, self.imu.newest_ns is not None)
 
     def _judged(self, tracked: list[TrackedScan]) -> list[TrackingStep]:
         """Tracked scans as steps, up to the one that shows that the sensor was carried elsewhere."""

@@ -97,10 +97,6 @@ class ScanTracker(Stateful):
         """(4, 4) T_odom_sensor of the newest scan that waits, as far as known; None if none does."""
         return self._T_level_now() @ self._found[-1].T_odom_sensor if self.waiting else None
 
-    def times_of(self, points: Floats, point_times: Floats | None) -> Floats | None:
-        """(N,) the times of a scan's points (N, 3), told or not, by what is known now; None for a snapshot."""
-        return self._odometry.times_of(points, point_times)
-
     def _T_level_now(self) -> Floats:  # noqa: N802
         """(4, 4) from the frame in which poses come, as far as it is known where up is."""
         if not self._found:
