@@ -1,8 +1,7 @@
 """The algorithm: from scans to an S-graph, matched with and anchored to a plan, and a trajectory in the BIM frame."""
 
 import logging
-from collections.abc import Iterable, Sequence
-from copy import deepcopy
+import pickle
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +10,6 @@ from numpy.typing import NDArray
 
 from data import SceneGraph, UserError
 from data.plans import Bim
-from data.scans import Scan, ScanSource
 from data.trajectory import Trajectory
 from matching.result import AnyMatcher
 from sgslam.anchoring import AnchorRecord
@@ -24,10 +22,10 @@ from sgslam.session import PriorMap, Result, Session, Snapshot, Stopwatch, Updat
 from sgslam.session.adjusting import adjust
 from sgslam.session.finishing import assemble_result
 from sgslam.session.scan_poses import at_stamps
-from sgslam.session.second_pass import second_pass
+from sgslam.session.second_pass import pass_again
 from sgslam.session.snapshot import take_snapshot
 from sgslam.session.soundness.scan_uncertainty import live_sigma
-from sgslam.tracking import RunTracker
+from sgslam.tracking import RunTracker, TrackerNotes
 from sgslam.types import Health, TrackedScan
 
 Floats = NDArray[np.float64]
@@ -61,7 +59,7 @@ class SceneGraphSlam:
         self._session = Session(config, a_graph, matcher, prior, storey)
         self._map = self._session.begin(clouds, self._stopwatch)
         self._tracked: list[TrackedScan] = []  # scans that are not in the map yet
-        self._advice: list[str] = []  # of a tracker elsewhere
+        self._elsewhere: TrackerNotes | None = None  # of a tracker elsewhere
 
     def add_scan(
         self,
@@ -93,10 +91,10 @@ class SceneGraphSlam:
         self._take_all()
         return self._update(int(stamp_ns))
 
-    def add_tracked(self, scan: TrackedScan, advice: Sequence[str] = ()) -> None:
+    def add_tracked(self, scan: TrackedScan, notes: TrackerNotes) -> None:
         """Adds a scan that a `RunTracker` elsewhere has tracked, instead of `add_scan`: all of a run's scans, in their
-        order, give the same map. `advice` is the tracker's so far."""
-        self._advice = list(advice)
+        order, give the same map. `notes` are the tracker's now."""
+        self._elsewhere = notes
         self._add(scan)
 
     def add_imu(self, stamp_ns: int | NDArray[np.int64], gyro: Floats, accel: Floats) -> None:
@@ -151,41 +149,37 @@ class SceneGraphSlam:
         self._tracked += self._tracking.release()
         self._take_all()
 
-    def finish(self, scans: Iterable[Scan] | None = None) -> Result:
+    def finish(self, second_pass: bool = False) -> Result:
         """Matches and optimises a last time, and returns the result. Raises UserError if no scan was added.
 
-        If `scans` yields the run's scans again, a second pass registers all of them to the final map, so that each pose
-        also uses what was seen later. It needs scans that follow one another (`ScanSource.is_dense`), and a run in one
-        part, without a prior map and without an IMU. If the map is no longer anchored after the second pass, the result
-        of the first one is returned.
+        A `second_pass` registers all scans to the final map, so that each pose also uses what was seen later. It needs
+        scans that follow one another (`ScanSource.is_dense`), and a run in one part, without a prior map and without an
+        IMU. If the map is no longer anchored after it, the result of the first pass is returned.
         """
-        given, is_dense = (scans.given, scans.is_dense) if isinstance(scans, ScanSource) else (None, True)
-        result = self._finish(scans if is_dense else None)
-        return replace(result, plan_file=self._plan_file, given=given, slam=self)
+        return replace(self._finish(second_pass), plan_file=self._plan_file, slam=self)
 
-    def _finish(self, scans: Iterable[Scan] | None) -> Result:
+    def _finish(self, second_pass: bool) -> Result:
         self._release()
         if not self._map.scans:
             raise UserError("no scan was added, so there is no result; call add_scan first")
         relocalisation = self._session.finish(self._map)
-        session = self._session
-        can_pass_again = session.prior is None and not session.unplaced and self.newest_imu_ns is None
+        session, notes = self._session, self._elsewhere or self._tracking.notes
         single, again = None, False
-        if scans is not None and can_pass_again:
-            single = deepcopy(self._map.state())
-            again = second_pass(self._map, scans, self._tracking.times_of, self._config.tracking)
+        if second_pass and session.prior is None and not session.unplaced and not notes.has_imu:
+            single = pickle.dumps(self._map.state()) if self.anchored else None
+            again = pass_again(self._map, self._config.tracking)
         adjust(self._map, self._config)
-        advice = [*self._advice, *self._tracking.advice]
-        if not self.anchored and self._tracking.is_way_up_assumed:  # a plan does not fit a map that is upside down
+        advice = list(notes.advice)
+        if not self.anchored and notes.is_way_up_assumed:  # a plan does not fit a map that is upside down
             advice.append(_WAY_UP)
             _log.warning("%s", _WAY_UP)
         finished = session.bim, session.unplaced, relocalisation, self._config, advice
         result = assemble_result(self._map, *finished, again)
-        if single is None or not again or result.anchored or single["T_bim_map"] is None:
+        if single is None or not again or result.anchored:
             return result
         _log.warning("the second pass is left out: after it, %s", result.reason)
         self._map = session.begin(self.clouds, self._stopwatch)
-        self._map.restore(single)
+        self._map.restore(pickle.loads(single))
         self._map.complete()
         adjust(self._map, self._config)
         return assemble_result(self._map, *finished, passed_again=False)

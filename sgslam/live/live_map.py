@@ -62,7 +62,7 @@ class LiveMap:
 
     def add(self, message: TrackedMessage) -> MapState:
         """Adds a scan; returns the state of the map."""
-        self._slam.add_tracked(message.scan, message.advice)
+        self._slam.add_tracked(message.scan, message.notes)
         self._mapped += 1
         slam, anchors = self._slam, _held(self._slam)
         changed = anchors != self._anchors

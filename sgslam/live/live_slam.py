@@ -132,7 +132,7 @@ class LiveSlam:
 
     def _hand_over(self, scans: list[TrackedScan]) -> None:
         for scan in scans:
-            self._map.put(TrackedMessage(scan, tuple(self._tracking.advice)))
+            self._map.put(TrackedMessage(scan, self._tracking.notes))
 
     def _newest(self, scans: list[TrackedScan]) -> tuple[Floats, Health | None]:
         """(4, 4) T_odom_sensor of the newest scan and its health, None while it waits."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from data.scans.scan import SkippedScan
 from sgslam.config import Config
 from sgslam.live.answer import HeldAnchor
+from sgslam.tracking import TrackerNotes
 from sgslam.types import TrackedScan
 
 Floats = NDArray[np.float64]
@@ -33,10 +34,10 @@ class LiveInputs:
 
 @dataclass(frozen=True, eq=False)
 class TrackedMessage:
-    """A tracked scan, and the tracker's advice so far."""
+    """A tracked scan, and the tracker's notes then."""
 
     scan: TrackedScan
-    advice: tuple[str, ...]
+    notes: TrackerNotes
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,16 @@ class Losses:
     again_ns: int | None = None
 
 
+@dataclass(frozen=True)
+class TrackerNotes:
+    """What the result of a run says of its tracking: lines of advice, whether nothing but the usual mount says that the
+    sensor does not hang upside down, and whether there is an IMU."""
+
+    advice: tuple[str, ...] = ()
+    is_way_up_assumed: bool = False
+    has_imu: bool = False
+
+
 class RunTracker:
     """The tracker of a run: raw scans in, tracked scans for the map out. What it does with a scan depends on its state:
 
@@ -240,14 +250,10 @@ class RunTracker:
         return [*self._advice, *(line for line in newest if line and line not in self._advice)]
 
     @property
-    def is_way_up_assumed(self) -> bool:
-        """Whether nothing but the usual mount says that the sensor does not hang upside down."""
-        return self._level.is_way_up_assumed
-
-    def times_of(self, points: Floats, point_times: Floats | None) -> Floats | None:
-        """(N,) the times of a scan's points (N, 3), given or not, by what is known now; None for a snapshot."""
-        times = None if point_times is None else np.asarray(point_times, np.float64)
-        return self._odometry.times_of(points, times)
+    def notes(self) -> TrackerNotes:
+        """What is known so far."""
+        has_imu = self.motion.imu.newest_ns is not None
+        return TrackerNotes(tuple(self.advice), self._level.is_way_up_assumed, has_imu)
 
     def state(self) -> dict[str, Any]:
         """The complete state as a tree (see `state_tree`); not a copy."""

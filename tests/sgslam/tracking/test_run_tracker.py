@@ -49,7 +49,6 @@ def test_an_odometry_of_the_caller_gets_each_scan_once_and_its_poses_are_given_o
             tracker = RunTracker(config, odometry)
             tracker.restore(state)
         steps += tracker.track(k * SCAN_NS, points, [0.0] * len(points))  # type: ignore[arg-type]
-        assert tracker.times_of(points, [0.0] * len(points)) is not None  # type: ignore[arg-type]
     with pytest.raises(UserError, match="has a T_odom_sensor, unlike those before"):
         tracker.track(len(scans) * SCAN_NS, points, T_odom_sensor=np.eye(4))
     steps += tracker.release()
