@@ -1,4 +1,4 @@
-"""The map of a live run: it is built from the steps of the tracker, without the scans' files."""
+"""The map of a live run: it is built from tracked scans, without the scans' files."""
 
 import logging
 from argparse import Namespace
@@ -52,7 +52,7 @@ class LiveMap:
         self._scans = _ComeAndGone(out)
         job = read_job(options, self._scans, inputs.config)
         self._run, self._matcher = Run(job, out), job.matcher
-        self._steps = 0
+        self._mapped = 0
         self._anchors: tuple[HeldAnchor, ...] = ()
         _log.info("live: the scans come from another process, tracked")
 
@@ -61,14 +61,14 @@ class LiveMap:
         return self._run.slam
 
     def add(self, message: TrackedMessage) -> MapState:
-        """Adds a step; returns the state of the map."""
-        self._slam.add_tracked(message.step, message.advice)
-        self._steps += 1
+        """Adds a scan; returns the state of the map."""
+        self._slam.add_tracked(message.scan, message.notes)
+        self._mapped += 1
         slam, anchors = self._slam, _held(self._slam)
         changed = anchors != self._anchors
         self._anchors = anchors
         return MapState(
-            self._steps, slam.kidnaps, slam.T_map_odom, slam.T_bim_map, anchors if changed else None,
+            self._mapped, slam.kidnaps, slam.T_map_odom, slam.T_bim_map, anchors if changed else None,
             slam.newest_mapped_ns, slam.keyframes,
         )  # fmt: skip
 

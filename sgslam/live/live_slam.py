@@ -18,7 +18,7 @@ from sgslam.live.log_lines import LogLines
 from sgslam.live.mapping_process import MappingProcess
 from sgslam.live.messages import FinishMessage, LiveInputs, MapState, StartMessage, TrackedMessage
 from sgslam.live.warm_up import warm_up
-from sgslam.tracking import CarriedElsewhere, RunTracker, TrackingStep
+from sgslam.tracking import RunTracker
 from sgslam.types import Health, TrackedScan
 
 Floats = NDArray[np.float64]
@@ -55,7 +55,7 @@ class LiveSlam:
         return live
 
     def _begin(self, inputs: LiveInputs, most_waiting: int) -> None:
-        self._tracking, self._part = RunTracker(inputs.config), 0
+        self._tracking = RunTracker(inputs.config)
         self._T_odom_sensor: Floats = np.eye(4)
         self._health: Health | None = None
         self._seconds, self._latencies = 0.0, Latencies()
@@ -79,17 +79,17 @@ class LiveSlam:
         ended.
         """
         began = perf_counter()
-        steps = self._tracking.track(stamp_ns, points, point_times)
+        scans = self._tracking.track(stamp_ns, points, point_times)
         self._seconds += perf_counter() - began
-        self._hand_over(steps)
-        self._T_odom_sensor, self._health = self._newest(steps)
+        self._hand_over(scans)
+        self._T_odom_sensor, self._health = self._newest(scans)
         answer = self._answer(int(stamp_ns), self._map.state, perf_counter() - began)
         self._latencies.add(answer.seconds, answer.waiting)
         return answer
 
     def add_imu(self, stamp_ns: int | NDArray[np.int64], gyro: Floats, accel: Floats) -> None:
         """As `SceneGraphSlam.add_imu`, errors included: add the samples up to a scan's end before the scan."""
-        self._tracking.add_imu(stamp_ns, gyro, accel)
+        self._tracking.motion.add_imu(stamp_ns, gyro, accel)
 
     def set_start(self, x: float, y: float, yaw: float) -> None:
         """Gives a rough present pose of the sensor: x, y (m) and heading (rad) in the BIM frame.
@@ -130,26 +130,23 @@ class LiveSlam:
         """The number of scans that are tracked and wait for the map."""
         return self._map.waiting
 
-    def _hand_over(self, steps: list[TrackingStep]) -> None:
-        for step in steps:
-            self._part += isinstance(step, CarriedElsewhere)
-            self._map.put(TrackedMessage(step, tuple(self._tracking.advice)))
+    def _hand_over(self, scans: list[TrackedScan]) -> None:
+        for scan in scans:
+            self._map.put(TrackedMessage(scan, self._tracking.notes))
 
-    def _newest(self, steps: list[TrackingStep]) -> tuple[Floats, Health | None]:
+    def _newest(self, scans: list[TrackedScan]) -> tuple[Floats, Health | None]:
         """(4, 4) T_odom_sensor of the newest scan and its health, None while it waits."""
         waiting = self._tracking.waiting
         if waiting is not None:
             return waiting, None
         if (held := self._tracking.held) is not None:
             return held.T_odom_sensor, "lost"
-        newest = steps[-1]
-        assert isinstance(newest, TrackedScan)  # a scan that does not wait is tracked
-        return newest.T_odom_sensor, newest.health
+        return scans[-1].T_odom_sensor, scans[-1].health
 
     def _answer(self, stamp_ns: int, known: MapState, seconds: float) -> Answer:
-        is_this = known.part == self._part  # else the map is that of the frame `odom` before
+        is_this = known.part == self._tracking.part  # else the map is that of the frame `odom` before
         return Answer(
             stamp_ns, self._T_odom_sensor, known.T_map_odom if is_this else np.eye(4),
             known.T_bim_map if is_this else None, self._health, (known.anchors or ()) if is_this else (),
-            known.map_stamp_ns, self._part, known.keyframes, self._map.waiting, seconds,
+            known.map_stamp_ns, self._tracking.part, known.keyframes, self._map.waiting, seconds,
         )  # fmt: skip

@@ -1,4 +1,4 @@
-"""The process that maps: it takes the tracker's steps in their order, and writes the results at the end."""
+"""The process that maps: it takes tracked scans in their order, and writes the results at the end."""
 
 import logging
 import os
@@ -15,7 +15,7 @@ _NICENESS = 5  # so that the tracker, which must answer in time, comes first
 
 
 def map_scans(receiver: Connection, sender: Connection, inputs: LiveInputs) -> None:
-    """The work of the process: messages in, a `MapState` after each step, and the content of metrics.json at the end.
+    """The work of the process: messages in, a `MapState` after each scan, and the content of metrics.json at the end.
 
     A UserError is sent instead where there is one. If the other process is gone, the results so far are written.
     """

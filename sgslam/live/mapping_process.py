@@ -20,7 +20,7 @@ _log = logging.getLogger(__name__)
 class MappingProcess:
     """Starts the process; `wait_until_ready` comes before all else.
 
-    At most `most_waiting` steps wait there; `put` then waits for one to be done: nothing is dropped. `state` is the
+    At most `most_waiting` scans wait there; `put` then waits for one to be done: nothing is dropped. `state` is the
     newest state of the map.
     """
 
@@ -54,8 +54,8 @@ class MappingProcess:
 
     @property
     def waiting(self) -> int:
-        """How many steps are not in the map yet."""
-        return self._put - self.state.steps
+        """How many scans are not in the map yet."""
+        return self._put - self.state.scans
 
     def put(self, message: Message) -> None:
         """Hands a message over. Raises UserError if the process has ended."""
@@ -67,7 +67,7 @@ class MappingProcess:
         self._messages.put(packed)
 
     def finish(self, message: FinishMessage) -> dict[str, Any]:
-        """Waits until all steps are in the map and the results are written; returns the content of metrics.json.
+        """Waits until all scans are in the map and the results are written; returns the content of metrics.json.
         Raises UserError."""
         self.put(message)
         self.end()

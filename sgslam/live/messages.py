@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from data.scans.scan import SkippedScan
 from sgslam.config import Config
 from sgslam.live.answer import HeldAnchor
-from sgslam.tracking import TrackingStep
+from sgslam.tracking import TrackerNotes
+from sgslam.types import TrackedScan
 
 Floats = NDArray[np.float64]
 Pose2 = tuple[float, float, float]  # x, y (m), yaw (rad) in the BIM frame
@@ -33,10 +34,10 @@ class LiveInputs:
 
 @dataclass(frozen=True, eq=False)
 class TrackedMessage:
-    """A step of the tracker, and its advice so far."""
+    """A tracked scan, and the tracker's notes then."""
 
-    step: TrackingStep
-    advice: tuple[str, ...]
+    scan: TrackedScan
+    notes: TrackerNotes
 
 
 @dataclass(frozen=True)
@@ -67,9 +68,9 @@ class FinishMessage:
 
 @dataclass(frozen=True, eq=False)
 class MapState:
-    """The state of the map after `steps` steps; the names are those of `Answer`. `anchors` None: as before."""
+    """The state of the map after so many `scans`; the names are those of `Answer`. `anchors` None: as before."""
 
-    steps: int = 0
+    scans: int = 0
     part: int = 0
     T_map_odom: Floats = field(default_factory=lambda: np.eye(4))
     T_bim_map: Floats | None = None

@@ -17,6 +17,7 @@ from sgslam.loops import LoopCloser
 from sgslam.mapping import Anchors, Floors, FloorTransition, KeyframeClouds, KeyframeNode, KeyframeRule
 from sgslam.perception import keyframe_scan
 from sgslam.registration.motion import few_points, motion_since_begin
+from sgslam.session.scan_points import ScanPoints
 from sgslam.session.scan_poses import ScanPose
 from sgslam.session.soundness.step_uncertainty import StepUncertainty
 from sgslam.session.stopwatch import Stopwatch
@@ -42,6 +43,7 @@ class ActiveMap:
     ) -> None:
         self._config = config
         self.anchoring, self.clouds, self.stopwatch = anchoring, clouds, stopwatch
+        self.points = ScanPoints(config.tracking, None if clouds.path is None else clouds.path.parent)
         self.floors = Floors(config)
         self.transition = FloorTransition(config.floors, config.surfaces.guessed_height)
         self._surfels = SurfelMap()  # of the scans since the last keyframe, in `odom`
@@ -108,6 +110,7 @@ class ActiveMap:
             )
         )  # fmt: skip
         self._covariance, self.is_external = scan.covariance, scan.raw.T_odom_sensor is not None
+        self.points.add(scan)
         if scan.raw.step_covariance is not None and len(self.scans) > 1:
             R_sensor_before = scan.T_odom_sensor[:3, :3].T @ self.scans[-2].T_odom_sensor[:3, :3]
             self._steps.tell(scan.raw.step_covariance, R_sensor_before)
@@ -293,7 +296,7 @@ class ActiveMap:
     def _parts(self) -> dict[str, Any]:
         parts = {
             "rule": self._keyframe_rule, "floors": self.floors, "backend": self.backend, "loops": self.loops,
-            "surfels": self._surfels, "transition": self.transition, "steps": self._steps,
+            "surfels": self._surfels, "transition": self.transition, "steps": self._steps, "points": self.points,
         }  # fmt: skip
         return parts if self.anchoring is None else {**parts, "anchoring": self.anchoring}
 

@@ -10,8 +10,8 @@ from sgslam.serialization import read_about, read_state, write_state
 from sgslam.session.state_types import TYPES
 
 FILE = "state.npz"  # in a run's folder
-LONGEST_S = 60.0  # of a run between two checkpoints
-SHARE = 0.005  # of the run time that writing checkpoints may take
+LEAST_S = 10.0  # of a run between two checkpoints
+SHARE = 0.01  # of the run time that writing checkpoints may take
 _log = logging.getLogger(__name__)
 
 
@@ -45,7 +45,7 @@ class Checkpoints:
 
     def write_if_due(self, slam: Resumable, progress: dict[str, Any]) -> None:
         """Writes a checkpoint if one is due; `progress` is the caller's own state, returned by `load`."""
-        if perf_counter() - self._written >= min(self._took / SHARE, LONGEST_S):
+        if perf_counter() - self._written >= max(self._took / SHARE, LEAST_S):
             self.write(slam, progress)
 
     def write(self, slam: Resumable, progress: dict[str, Any], finished: bool = False) -> bool:
@@ -61,7 +61,7 @@ class Checkpoints:
             return False
         finally:
             self._written = perf_counter()
-            self._took = self._written - began if slam.keyframes else 0.0  # the first time includes loading libraries
+            self._took = self._written - began
         self._failed = False
         return True
 

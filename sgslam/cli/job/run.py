@@ -25,6 +25,7 @@ from sgslam.session import Checkpoints, Result
 from sgslam.session.checkpoints import FILE as STATE
 from sgslam.session.checkpoints import load
 from sgslam.session.result import save_result
+from sgslam.session.scan_points import FILE as POINTS
 from sgslam.slam import SceneGraphSlam
 
 _log = logging.getLogger("sgslam")
@@ -79,15 +80,15 @@ class Run:
             _log.warning("%s: skipped, %s", skipped.name, skipped.reason)
         for remark in job.scans.remarks:
             _log.warning("%s", remark)
-        skipped_scans = len(job.scans.skipped)  # a second reading counts them again
         result = self._result(is_last=stopped is not None or job.options.single_pass or not job.scans.is_dense)
-        more = {"scans_skipped": skipped_scans, **self._numbers(result, stopped), **(measured or {})}
+        more = {"scans_skipped": len(job.scans.skipped), **self._numbers(result, stopped), **(measured or {})}
         metrics = save_result(result, out, truth=job.truth, more=more)
         _log.info("%s: %s", badge(metrics), result.reason)
         if stopped is not None:
             hint = f"; {_hint(out)}" if stopped.startswith("interrupted") else ""
             raise UserError(f"{stopped}; the results so far are in {out}{hint}")
         self.checkpoints.write(self.slam, self.progress.to_dict(), finished=True)
+        (out / POINTS).unlink(missing_ok=True)
         return metrics
 
     def _result(self, is_last: bool) -> Result:
@@ -96,7 +97,7 @@ class Run:
         if not is_last:
             self.checkpoints.write(self.slam, self.progress.to_dict())  # who is interrupted now loses no scan
         try:
-            result = self.slam.finish(None if is_last else job.scans)
+            result = self.slam.finish(second_pass=not is_last)
         except KeyboardInterrupt:
             if is_last:
                 raise

@@ -49,7 +49,7 @@ def test_a_state_of_an_unlike_run_is_refused(tmp_path: Path) -> None:
 
 def begun(*arguments: str | Path) -> subprocess.Popen[str]:
     """`sgslam.run`, which writes its state after every scan."""
-    often = "import sgslam.session.checkpoints as c; c.SHARE = 1e9; from sgslam.run import *; "
+    often = "import sgslam.session.checkpoints as c; c.SHARE, c.LEAST_S = 1e9, 0; from sgslam.run import *; "
     command = [sys.executable, "-c", f"{often}run_command(main)", *map(str, arguments)]
     return subprocess.Popen(command, text=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
 
