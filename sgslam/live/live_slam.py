@@ -1,7 +1,6 @@
 """Live use from Python: `LiveSlam`."""
 
 import atexit
-import logging
 from pathlib import Path
 from time import perf_counter
 from types import TracebackType
@@ -11,14 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.scans.scan import SkippedScan
+from sgslam.cli.processes.mapping_process import MappingProcess
+from sgslam.cli.processes.messages import MapState, StartMessage
+from sgslam.cli.processes.tracking_side import TrackingSide
 from sgslam.config import Config
 from sgslam.live.answer import Answer
+from sgslam.live.inputs import LiveInputs
 from sgslam.live.latencies import Latencies
-from sgslam.live.log_lines import LogLines
-from sgslam.live.mapping_process import MappingProcess
-from sgslam.live.messages import FinishMessage, LiveInputs, MapState, StartMessage, TrackedMessage
 from sgslam.live.warm_up import warm_up
-from sgslam.tracking import CarriedElsewhere, RunTracker, TrackingStep
+from sgslam.tracking import CarriedElsewhere, TrackingStep
 from sgslam.types import Health, TrackedScan
 
 Floats = NDArray[np.float64]
@@ -55,12 +55,13 @@ class LiveSlam:
         return live
 
     def _begin(self, inputs: LiveInputs, most_waiting: int) -> None:
-        self._tracking, self._part = RunTracker(inputs.config), 0
+        self._part = 0
         self._T_odom_sensor: Floats = np.eye(4)
         self._health: Health | None = None
-        self._seconds, self._latencies = 0.0, Latencies()
-        self._map = MappingProcess(inputs, most_waiting)
+        self._latencies = Latencies()
+        self._map = MappingProcess(most_waiting, warns=True)
         try:
+            self._map.begin(inputs.for_map())
             warm_up(inputs.config, with_map=False)  # while that process reads the building
             self._map.wait_until_ready()
         except BaseException:
@@ -68,8 +69,7 @@ class LiveSlam:
             raise
         self._is_open = True
         atexit.register(self._map.end)  # without a call of finish the results are written all the same
-        self._lines = LogLines(self._map)
-        logging.getLogger("sgslam").addHandler(self._lines)
+        self._side = TrackingSide(inputs.config, self._map)
 
     def add_scan(self, stamp_ns: int, points: NDArray[np.floating[Any]], point_times: Floats | None = None) -> Answer:
         """Tracks a scan, given by its stamp in nanoseconds and its points (N, 3) in metres in the sensor frame.
@@ -79,9 +79,8 @@ class LiveSlam:
         ended.
         """
         began = perf_counter()
-        steps = self._tracking.track(stamp_ns, points, point_times)
-        self._seconds += perf_counter() - began
-        self._hand_over(steps)
+        steps = self._side.add_scan(stamp_ns, points, point_times)
+        self._part += sum(isinstance(step, CarriedElsewhere) for step in steps)
         self._T_odom_sensor, self._health = self._newest(steps)
         answer = self._answer(int(stamp_ns), self._map.state, perf_counter() - began)
         self._latencies.add(answer.seconds, answer.waiting)
@@ -89,7 +88,7 @@ class LiveSlam:
 
     def add_imu(self, stamp_ns: int | NDArray[np.int64], gyro: Floats, accel: Floats) -> None:
         """As `SceneGraphSlam.add_imu`, errors included: add the samples up to a scan's end before the scan."""
-        self._tracking.add_imu(stamp_ns, gyro, accel)
+        self._side.add_imu(stamp_ns, gyro, accel)
 
     def set_start(self, x: float, y: float, yaw: float) -> None:
         """Gives a rough present pose of the sensor: x, y (m) and heading (rad) in the BIM frame.
@@ -108,12 +107,9 @@ class LiveSlam:
         for all scans. Raises UserError if no scan was added, or if the other process has ended.
         """
         self._is_open = False
-        self._hand_over(self._tracking.release())
-        logging.getLogger("sgslam").removeHandler(self._lines)
         live = {"live": {**self._latencies.to_dict(), **(measured or {})}}
-        told = FinishMessage(self._seconds, tuple(skipped or ()), tuple(remarks or ()), live)
         try:
-            return self._map.finish(told)
+            return self._side.finish(skipped=tuple(skipped or ()), remarks=tuple(remarks or ()), measured=live)
         finally:
             atexit.unregister(self._map.end)
 
@@ -130,17 +126,12 @@ class LiveSlam:
         """The number of scans that are tracked and wait for the map."""
         return self._map.waiting
 
-    def _hand_over(self, steps: list[TrackingStep]) -> None:
-        for step in steps:
-            self._part += isinstance(step, CarriedElsewhere)
-            self._map.put(TrackedMessage(step, self._tracking.notes))
-
     def _newest(self, steps: list[TrackingStep]) -> tuple[Floats, Health | None]:
         """(4, 4) T_odom_sensor of the newest scan and its health, None while it waits."""
-        waiting = self._tracking.waiting
+        waiting = self._side.tracking.waiting
         if waiting is not None:
             return waiting, None
-        if (held := self._tracking.held) is not None:
+        if (held := self._side.tracking.held) is not None:
             return held.T_odom_sensor, "lost"
         newest = steps[-1]
         assert isinstance(newest, TrackedScan)  # a scan that does not wait is tracked

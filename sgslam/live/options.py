@@ -5,7 +5,7 @@ from pathlib import Path
 
 from data.common.cli import Parser
 from data.common.errors import UserError
-from sgslam.live.messages import LiveInputs
+from sgslam.live.inputs import LiveInputs
 
 DEFAULT_WAITING = 600  # scans
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from time import perf_counter
 from types import FrameType
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,12 @@ from sgslam.odometry.external import ExternalOdometry
 from sgslam.session import Checkpoints, Update
 from sgslam.slam import SceneGraphSlam
 
+if TYPE_CHECKING:
+    from sgslam.cli.processes.tracking_side import TrackingSide
+
 _SCAN_NS = 200_000_000  # as long as a scan lasts at most, from its stamp on
 
+Slam: TypeAlias = "SceneGraphSlam | TrackingSide"
 ScanCallback: TypeAlias = Callable[[SceneGraphSlam, Update, NDArray[np.float64]], None]
 
 
@@ -72,14 +76,15 @@ def interruptible() -> Iterator[Interruption]:
 
 
 def run_scans(
-    slam: SceneGraphSlam, scans: ScanSource, progress: Progress, checkpoints: Checkpoints,
+    slam: Slam, scans: ScanSource, progress: Progress, checkpoints: Checkpoints,
     odometry: ExternalOdometry | None = None, on_scan: Sequence[ScanCallback] = (),
     imu: ImuSamples | None = None,
 ) -> str | None:  # fmt: skip
     """Adds the scans after `progress.index` and updates `progress`; returns the reason if it stops early, else None.
 
-    `odometry` is an external odometry; `imu` holds the samples of an IMU; `on_scan` are called after each scan. Raises
-    UserError if not even one scan could be added, and KeyboardInterrupt at the second interrupt.
+    `odometry` is an external odometry; `imu` holds the samples of an IMU; `on_scan` are called after each scan, where
+    this process builds the map. Raises UserError if not even one scan could be added, and KeyboardInterrupt at the
+    second interrupt.
     """
     from rich.console import Console
     from rich.progress import Progress as Bar
@@ -112,10 +117,11 @@ def run_scans(
             if not progress.fed:
                 raise
             return str(error)
+    checkpoints.write(slam, progress.to_dict())  # who is interrupted while the map is completed loses no scan
     return None
 
 
-def _add_imu(slam: SceneGraphSlam, imu: ImuSamples | None, stamp_ns: int) -> None:
+def _add_imu(slam: Slam, imu: ImuSamples | None, stamp_ns: int) -> None:
     """Adds the samples until the end of a scan that were not added yet."""
     if imu is None:
         return

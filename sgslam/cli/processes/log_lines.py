@@ -4,8 +4,8 @@ import logging
 from contextlib import suppress
 
 from data.common.errors import UserError
-from sgslam.live.mapping_process import MappingProcess
-from sgslam.live.messages import LogMessage
+from sgslam.cli.processes.mapping_process import MappingProcess
+from sgslam.cli.processes.messages import LogMessage
 
 
 class LogLines(logging.Handler):

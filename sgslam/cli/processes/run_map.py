@@ -1,0 +1,107 @@
+"""The map of a run in its output folder: it is built from the steps of a tracker in another process."""
+
+import logging
+import threading
+from contextlib import suppress
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.errors import UserError
+from data.plans.bim import IFC_SUFFIXES
+from sgslam.cli.job.arguments import out_folder
+from sgslam.cli.job.inputs import read_job
+from sgslam.cli.job.run import Run
+from sgslam.cli.processes.messages import (
+    CheckpointMessage,
+    FinishMessage,
+    HeldAnchor,
+    MapInputs,
+    MapState,
+    Pose2,
+    TrackedMessage,
+)
+from sgslam.slam import SceneGraphSlam
+
+Floats = NDArray[np.float64]
+_log = logging.getLogger(__name__)
+
+
+class RunMap:
+    """The map of a run whose scans another process reads and tracks."""
+
+    def __init__(self, inputs: MapInputs) -> None:
+        """Raises UserError for what is wrong with the inputs."""
+        if inputs.prepare is not None:
+            inputs.prepare()
+        self._scans = inputs.scans.scans
+        job = read_job(inputs.options, inputs.scans)
+        self._run, self._matcher = Run(job, out_folder(inputs.options), tracks=False), job.matcher
+        if job.bim is not None and job.bim.path is not None and job.bim.path.suffix.lower() in IFC_SUFFIXES:
+            threading.Thread(target=_elements_ahead, args=(job.bim.path,), daemon=True).start()
+        self._steps, self._checkpoint_s = 0, 0.0
+        self._anchors: tuple[HeldAnchor, ...] = ()
+
+    @property
+    def _slam(self) -> SceneGraphSlam:
+        return self._run.slam
+
+    def add(self, message: TrackedMessage) -> MapState:
+        """Adds a step; returns the state of the map."""
+        self._slam.add_tracked(message.step, message.notes)
+        self._steps += 1
+        slam, anchors = self._slam, _held(self._slam)
+        changed = anchors != self._anchors
+        self._anchors = anchors
+        return MapState(
+            self._steps, slam.kidnaps, slam.T_map_odom, slam.T_bim_map, anchors if changed else None,
+            slam.newest_mapped_ns, slam.keyframes, self._checkpoint_s,
+        )  # fmt: skip
+
+    def set_start(self, pose: Pose2) -> None:
+        """Takes a pose of the sensor now for the start of matching; what is anchored stays so."""
+        now = self._slam.T_map_sensor
+        self._matcher.start = pose if now is None else map_start(pose, now)
+        _log.info("the user gives the sensor's pose: x, y, yaw = %.2f, %.2f, %.2f", *pose)
+
+    def save(self, message: CheckpointMessage) -> None:
+        """Writes a checkpoint."""
+        began = perf_counter()
+        self._run.take_progress(message.progress)
+        self._run.checkpoints.write(self._slam, self._run.progress.to_dict(), tracking=message.tracking)
+        self._checkpoint_s = perf_counter() - began
+
+    def finish(self, message: FinishMessage) -> dict[str, Any]:
+        """Completes the map and writes the results; returns the content of metrics.json. Raises UserError."""
+        self._scans.skipped, self._scans.remarks = list(message.skipped), list(message.remarks)
+        self._slam.seconds["odometry"] += message.seconds
+        self._run.take_progress(message.progress)
+        return self._run.finish(message.stopped, message.measured, message.cpu_seconds)
+
+
+def _elements_ahead(ifc: Path) -> None:
+    """Computes the shapes of a model's elements, which the results need, while this process waits for scans."""
+    from data.plans.elements import planned_elements  # loads ifcopenshell
+
+    with suppress(UserError):  # it is raised again when they are needed
+        planned_elements(ifc)
+
+
+def map_start(pose: Pose2, T_map_sensor: Floats) -> Pose2:
+    """x, y, yaw of the map's origin in the BIM frame, for a sensor at `pose` there and at (4, 4) in the map."""
+    x, y, yaw = pose
+    turned = yaw - float(np.arctan2(T_map_sensor[1, 0], T_map_sensor[0, 0]))
+    c, s = np.cos(turned), np.sin(turned)
+    along, across = T_map_sensor[:2, 3]
+    return x - float(c * along - s * across), y - float(s * along + c * across), turned
+
+
+def _held(slam: SceneGraphSlam) -> tuple[HeldAnchor, ...]:
+    return tuple(
+        HeldAnchor(f"w{record.wall}", record.a_id, record.state)
+        for record in slam.anchors
+        if record.state != "withdrawn"
+    )

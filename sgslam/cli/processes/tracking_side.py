@@ -1,0 +1,79 @@
+"""The side of the process that tracks: scans in, their steps to the process that maps."""
+
+import logging
+from time import perf_counter, process_time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sgslam.cli.processes.log_lines import LogLines
+from sgslam.cli.processes.mapping_process import MappingProcess
+from sgslam.cli.processes.messages import CheckpointMessage, FinishMessage, TrackedMessage
+from sgslam.config import Config
+from sgslam.session import Checkpoints
+from sgslam.tracking import RunTracker, TrackingStep
+
+Floats = NDArray[np.float64]
+
+
+class TrackingSide:
+    """Tracks scans, and hands each step over to a `mapping` process that is ready."""
+
+    def __init__(self, config: Config, mapping: MappingProcess) -> None:
+        self.tracking, self.mapping = RunTracker(config), mapping
+        self._seconds, self._cpu_began = 0.0, process_time()
+        self._lines = LogLines(mapping)
+        logging.getLogger("sgslam").addHandler(self._lines)
+
+    def add_scan(
+        self, stamp_ns: int, points: NDArray[np.floating[Any]], point_times: Floats | None = None,
+        T_odom_sensor: Floats | None = None, step_covariance: Floats | None = None,
+    ) -> list[TrackingStep]:  # fmt: skip
+        """The steps that a scan settles; see `RunTracker.track`."""
+        began = perf_counter()
+        steps = self.tracking.track(stamp_ns, points, point_times, T_odom_sensor, step_covariance)
+        self._seconds += perf_counter() - began
+        self._hand_over(steps)
+        return steps
+
+    def add_imu(self, stamp_ns: int | NDArray[np.int64], gyro: Floats, accel: Floats) -> None:
+        """See `SceneGraphSlam.add_imu`."""
+        self.tracking.add_imu(stamp_ns, gyro, accel)
+
+    @property
+    def newest_imu_ns(self) -> int | None:
+        """The stamp of the newest IMU sample; None before the first."""
+        return self.tracking.imu.newest_ns
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Restores the tracker's part of a run's state."""
+        self.tracking.restore(state["tracking"])
+
+    def finish(self, **told: Any) -> dict[str, Any]:
+        """Hands over all scans that wait, and what is `told` (see `FinishMessage`); returns the content of metrics.json
+        once the results are written. Raises UserError."""
+        began = perf_counter()
+        steps = self.tracking.release()
+        self._seconds += perf_counter() - began
+        try:
+            self._hand_over(steps)
+        finally:
+            logging.getLogger("sgslam").removeHandler(self._lines)
+        return self.mapping.finish(FinishMessage(self._seconds, process_time() - self._cpu_began, **told))
+
+    def _hand_over(self, steps: list[TrackingStep]) -> None:
+        for step in steps:
+            self.mapping.put(TrackedMessage(step, self.tracking.notes))
+
+
+class SentCheckpoints(Checkpoints):
+    """Has the process that maps write the checkpoints, with the state of the tracker."""
+
+    def write(self, slam: TrackingSide, progress: dict[str, Any]) -> bool:  # type: ignore[override]
+        """Sends the state of the tracker after the steps so far."""
+        began = perf_counter()
+        slam.mapping.put(CheckpointMessage(slam.tracking.state(), progress))
+        self._written = perf_counter()
+        self._took = max(self._written - began, slam.mapping.state.checkpoint_s)
+        return True
