@@ -2,7 +2,6 @@
 
 from sgslam.cli.processes.messages import HeldAnchor
 from sgslam.live.answer import Answer
-from sgslam.live.inputs import LiveInputs
 from sgslam.live.live_slam import LiveSlam
 
-__all__ = ["Answer", "HeldAnchor", "LiveInputs", "LiveSlam"]
+__all__ = ["Answer", "HeldAnchor", "LiveSlam"]

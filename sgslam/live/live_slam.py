@@ -1,6 +1,8 @@
 """Live use from Python: `LiveSlam`."""
 
 import atexit
+from argparse import Namespace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from types import TracebackType
@@ -10,14 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.scans.scan import SkippedScan
+from sgslam.cli.job.scan_inputs import PassedScans, ScanInputs
 from sgslam.cli.processes.mapping_process import MappingProcess
-from sgslam.cli.processes.messages import MapState, StartMessage
+from sgslam.cli.processes.messages import MapInputs, MapState
 from sgslam.cli.processes.tracking_side import TrackingSide
 from sgslam.config import Config
 from sgslam.live.answer import Answer
-from sgslam.live.inputs import LiveInputs
 from sgslam.live.latencies import Latencies
 from sgslam.live.warm_up import warm_up
+from sgslam.run import default_options as run_options
 from sgslam.tracking import CarriedElsewhere, TrackingStep
 from sgslam.types import Health, TrackedScan
 
@@ -43,33 +46,37 @@ class LiveSlam:
     ) -> None:  # fmt: skip
         """Returns once both processes are ready; the first time after an installation, compilation takes a minute.
         Raises UserError for unusable input."""
-        bim, map = None if bim is None else Path(bim), None if map is None else Path(map)
-        inputs = LiveInputs(Path(out), config or Config(), bim, map=map, storey=storey, start=start)
-        self._begin(inputs, most_waiting)
+        config, options = config or Config(), run_options()
+        options.out, options.bim, options.map = Path(out), bim and Path(bim), map and Path(map)
+        options.storey, options.start = storey, start and ",".join([repr(value) for value in start])
+        self._begin(options, config, most_waiting)
 
     @classmethod
-    def of(cls, inputs: LiveInputs, most_waiting: int = MOST_WAITING) -> "LiveSlam":
-        """With all inputs in one. Raises UserError."""
+    def of(cls, options: Namespace, config: Config, most_waiting: int = MOST_WAITING) -> "LiveSlam":
+        """With the options of `sgslam live`. Raises UserError."""
         live = cls.__new__(cls)
-        live._begin(inputs, most_waiting)
+        live._begin(Namespace(**{**vars(run_options()), **vars(options)}), config, most_waiting)
         return live
 
-    def _begin(self, inputs: LiveInputs, most_waiting: int) -> None:
+    def _begin(self, options: Namespace, config: Config, most_waiting: int) -> None:
+        """`options` are those of `sgslam run`."""
+        options.single_pass = True
+        scans = ScanInputs(None, config, PassedScans(options.out))
         self._part = 0
         self._T_odom_sensor: Floats = np.eye(4)
         self._health: Health | None = None
         self._latencies = Latencies()
         self._map = MappingProcess(most_waiting, warns=True)
         try:
-            self._map.begin(inputs.for_map())
-            warm_up(inputs.config, with_map=False)  # while that process reads the building
+            self._map.begin(MapInputs(options, scans, partial(warm_up, config, with_map=True), outlives=True))
+            warm_up(config, with_map=False)  # while that process reads the building
             self._map.wait_until_ready()
         except BaseException:
             self._map.kill()
             raise
         self._is_open = True
         atexit.register(self._map.end)  # without a call of finish the results are written all the same
-        self._side = TrackingSide(inputs.config, self._map)
+        self._side = TrackingSide(config, self._map)
 
     def add_scan(self, stamp_ns: int, points: NDArray[np.floating[Any]], point_times: Floats | None = None) -> Answer:
         """Tracks a scan, given by its stamp in nanoseconds and its points (N, 3) in metres in the sensor frame.
@@ -95,7 +102,7 @@ class LiveSlam:
 
         It decides between places that fit the map equally well. A map that is anchored already is not moved.
         """
-        self._map.put(StartMessage((x, y, yaw)))
+        self._map.put("set_start", pose=(x, y, yaw))
 
     def finish(
         self, skipped: list[SkippedScan] | None = None, remarks: list[str] | None = None,
@@ -109,7 +116,7 @@ class LiveSlam:
         self._is_open = False
         live = {"live": {**self._latencies.to_dict(), **(measured or {})}}
         try:
-            return self._side.finish(skipped=tuple(skipped or ()), remarks=tuple(remarks or ()), measured=live)
+            return self._side.finish(skipped=skipped or (), remarks=remarks or (), measured=live)
         finally:
             atexit.unregister(self._map.end)
 

@@ -1,6 +1,7 @@
 """A job in its output folder: the run over its scans, and the results."""
 
 import logging
+from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -73,7 +74,7 @@ class Run:
             self.checkpoints.write(self.slam, self.progress.to_dict())
         _log.info("%d scans in %s; building: %s", len(job.scans), job.scans.path, options.bim or "none")
 
-    def take_progress(self, progress: dict[str, Any]) -> None:
+    def take_progress(self, progress: Mapping[str, Any]) -> None:
         """Takes the progress of the process that tracks; the warnings come here anyway."""
         self.progress = Progress(**{**progress, "warnings": self._warnings})
 

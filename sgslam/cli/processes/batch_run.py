@@ -38,8 +38,8 @@ def run_in_two_processes(options: argparse.Namespace, mapping: MappingProcess) -
         mapping.kill()
         raise
     try:
-        told = {"skipped": tuple(scans.skipped), "remarks": tuple(scans.remarks)}
-        return side.finish(stopped=stopped, progress=progress.to_dict(), **told)
+        told = {"skipped": scans.skipped, "remarks": scans.remarks, "progress": progress.to_dict()}
+        return side.finish(stopped=stopped, **told)
     except KeyboardInterrupt:
         mapping.kill()
         if stopped is not None:

@@ -1,23 +1,15 @@
 """The process that maps: it takes the tracker's steps in their order, and writes the results at the end."""
 
-import logging
 import os
 import pickle
 import signal
 from contextlib import suppress
 from multiprocessing.connection import Connection
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from data.common.children import end_with_parent
 from data.common.errors import UserError
-from sgslam.cli.processes.messages import (
-    CheckpointMessage,
-    FinishMessage,
-    LogMessage,
-    MapInputs,
-    StartMessage,
-    TrackedMessage,
-)
+from sgslam.cli.processes.messages import MapInputs, MapState
 
 if TYPE_CHECKING:
     from sgslam.cli.processes.run_map import RunMap
@@ -26,7 +18,7 @@ _NICENESS = 5  # so that the tracker of a live run, which must answer in time, c
 
 
 def map_scans(receiver: Connection, sender: Connection) -> None:
-    """The work of the process: `MapInputs` and messages in, a `MapState` after each step, and the content of
+    """The work of the process: `MapInputs` and calls of `RunMap` in, a `MapState` after each step, and the content of
     metrics.json at the end. A UserError is sent instead where there is one."""
     from threadpoolctl import threadpool_limits
 
@@ -44,37 +36,31 @@ def map_scans(receiver: Connection, sender: Connection) -> None:
         try:
             mapping = RunMap(inputs)
             sender.send(None)  # ready
-            sender.send(mapping.finish(_follow(mapping, receiver, sender, inputs.outlives)))
+            sender.send(_results(mapping, receiver, sender, inputs.outlives))
         except UserError as error:
             sender.send(error)
 
 
-def _follow(mapping: "RunMap", receiver: Connection, sender: Connection, outlives: bool) -> FinishMessage:
-    try:
-        return _until_finish(mapping, receiver, sender)
-    except (EOFError, BrokenPipeError):
-        if not outlives:
-            raise
-        return FinishMessage(remarks=("the tracking process has ended",))
-
-
-def _until_finish(mapping: "RunMap", receiver: Connection, sender: Connection) -> FinishMessage:
+def _results(mapping: "RunMap", receiver: Connection, sender: Connection, outlives: bool) -> dict[str, Any]:
+    """Makes the calls that come, up to `finish`."""
     while True:
-        message = pickle.loads(_received(receiver))
-        if isinstance(message, FinishMessage):
-            return message
-        if isinstance(message, TrackedMessage):
-            sender.send(mapping.add(message))
-        elif isinstance(message, CheckpointMessage):
-            mapping.save(message)
-        elif isinstance(message, StartMessage):
-            mapping.set_start(message.pose)
-        elif isinstance(message, LogMessage):
-            logging.getLogger(message.name).log(message.level, "%s", message.text)
+        try:
+            name, arguments = pickle.loads(_received(receiver))
+        except EOFError:
+            if not outlives:
+                raise
+            name, arguments = "finish", {"remarks": ["the tracking process has ended"]}
+        answer = getattr(mapping, name)(**arguments)
+        if name == "finish":
+            metrics: dict[str, Any] = answer
+            return metrics
+        if isinstance(answer, MapState):
+            with suppress(BrokenPipeError):  # the next call does not come
+                sender.send(answer)
 
 
 def _received(receiver: Connection) -> bytes:
-    """The next message. Raises EOFError where the other process is gone, also in the middle of a message."""
+    """The next call. Raises EOFError where the other process is gone, also in the middle of a call."""
     try:
         return receiver.recv_bytes()
     except OSError as error:

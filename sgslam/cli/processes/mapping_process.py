@@ -11,17 +11,8 @@ from typing import Any
 
 from data.common.errors import UserError
 from sgslam.cli.processes.mapping import map_scans
-from sgslam.cli.processes.messages import (
-    CheckpointMessage,
-    FinishMessage,
-    LogMessage,
-    MapInputs,
-    MapState,
-    StartMessage,
-    TrackedMessage,
-)
+from sgslam.cli.processes.messages import MapInputs, MapState
 
-Message = TrackedMessage | StartMessage | LogMessage | CheckpointMessage | FinishMessage
 _log = logging.getLogger(__name__)
 
 
@@ -69,19 +60,19 @@ class MappingProcess:
         """How many steps are not in the map yet."""
         return self._put - self.state.steps
 
-    def put(self, message: Message) -> None:
-        """Hands a message over. Raises UserError if the process has ended."""
-        packed = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)  # now: its arrays may change afterwards
-        if isinstance(message, TrackedMessage):
+    def put(self, call: str, **arguments: Any) -> None:
+        """Has the process call a method of its `RunMap`. Raises UserError if it has ended."""
+        packed = pickle.dumps((call, arguments), protocol=pickle.HIGHEST_PROTOCOL)  # now: arrays may change afterwards
+        if call == "add":
             self._wait_for_room()
             self._put += 1
         self._check()
         self._messages.put(packed)
 
-    def finish(self, message: FinishMessage) -> dict[str, Any]:
+    def finish(self, **told: Any) -> dict[str, Any]:
         """Waits until all steps are in the map and the results are written; returns the content of metrics.json.
         Raises UserError."""
-        self.put(message)
+        self.put("finish", **told)
         self.end()
         self._threads[1].join()
         self._process.join()

@@ -2,9 +2,11 @@
 
 import logging
 import threading
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from time import perf_counter
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,19 +14,13 @@ from numpy.typing import NDArray
 
 from data.common.errors import UserError
 from data.plans.bim import IFC_SUFFIXES
+from data.scans.scan import SkippedScan
 from sgslam.cli.job.arguments import out_folder
 from sgslam.cli.job.inputs import read_job
 from sgslam.cli.job.run import Run
-from sgslam.cli.processes.messages import (
-    CheckpointMessage,
-    FinishMessage,
-    HeldAnchor,
-    MapInputs,
-    MapState,
-    Pose2,
-    TrackedMessage,
-)
+from sgslam.cli.processes.messages import HeldAnchor, MapInputs, MapState, Pose2
 from sgslam.slam import SceneGraphSlam
+from sgslam.tracking import TrackerNotes, TrackingStep
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -49,9 +45,9 @@ class RunMap:
     def _slam(self) -> SceneGraphSlam:
         return self._run.slam
 
-    def add(self, message: TrackedMessage) -> MapState:
-        """Adds a step; returns the state of the map."""
-        self._slam.add_tracked(message.step, message.notes)
+    def add(self, step: TrackingStep, notes: TrackerNotes) -> MapState:
+        """Adds a step of the tracker, with its notes then; returns the state of the map."""
+        self._slam.add_tracked(step, notes)
         self._steps += 1
         slam, anchors = self._slam, _held(self._slam)
         changed = anchors != self._anchors
@@ -67,19 +63,31 @@ class RunMap:
         self._matcher.start = pose if now is None else map_start(pose, now)
         _log.info("the user gives the sensor's pose: x, y, yaw = %.2f, %.2f, %.2f", *pose)
 
-    def save(self, message: CheckpointMessage) -> None:
-        """Writes a checkpoint."""
+    def log(self, name: str, level: int, text: str) -> None:
+        """Adds a line to the log of the run."""
+        logging.getLogger(name).log(level, "%s", text)
+
+    def save(self, tracking: dict[str, Any], progress: dict[str, Any]) -> None:
+        """Writes a checkpoint, with the states of the tracker and of `Progress` after the steps so far."""
         began = perf_counter()
-        self._run.take_progress(message.progress)
-        self._run.checkpoints.write(self._slam, self._run.progress.to_dict(), tracking=message.tracking)
+        self._run.take_progress(progress)
+        self._run.checkpoints.write(self._slam, self._run.progress.to_dict(), tracking=tracking)
         self._checkpoint_s = perf_counter() - began
 
-    def finish(self, message: FinishMessage) -> dict[str, Any]:
-        """Completes the map and writes the results; returns the content of metrics.json. Raises UserError."""
-        self._scans.skipped, self._scans.remarks = list(message.skipped), list(message.remarks)
-        self._slam.seconds["odometry"] += message.seconds
-        self._run.take_progress(message.progress)
-        return self._run.finish(message.stopped, message.measured, message.cpu_seconds)
+    def finish(
+        self, seconds: float = 0.0, cpu_seconds: float = 0.0, skipped: Sequence[SkippedScan] = (),
+        remarks: Sequence[str] = (), stopped: str | None = None, progress: Mapping[str, Any] = MappingProxyType({}),
+        measured: dict[str, Any] | None = None,
+    ) -> dict[str, Any]:  # fmt: skip
+        """Completes the map and writes the results, as no scan comes any more, for the reason `stopped` where it is not
+        the last one; returns the content of metrics.json, to which `measured` is added. Raises UserError.
+
+        `seconds` are those of tracking, `cpu_seconds` those of all that the other process did.
+        """
+        self._scans.skipped, self._scans.remarks = list(skipped), list(remarks)
+        self._slam.seconds["odometry"] += seconds
+        self._run.take_progress(progress)
+        return self._run.finish(stopped, measured, cpu_seconds)
 
 
 def _elements_ahead(ifc: Path) -> None:

@@ -1,20 +1,33 @@
 """The side of the process that tracks: scans in, their steps to the process that maps."""
 
 import logging
+from contextlib import suppress
 from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.cli.processes.log_lines import LogLines
+from data.common.errors import UserError
 from sgslam.cli.processes.mapping_process import MappingProcess
-from sgslam.cli.processes.messages import CheckpointMessage, FinishMessage, TrackedMessage
 from sgslam.config import Config
 from sgslam.session import Checkpoints
 from sgslam.tracking import RunTracker, TrackingStep
 
 Floats = NDArray[np.float64]
+
+
+class LogLines(logging.Handler):
+    """Sends log lines to the process that keeps the log of the run."""
+
+    def __init__(self, mapping: MappingProcess) -> None:
+        super().__init__(logging.INFO)
+        self._mapping = mapping
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """See `logging.Handler`."""
+        with suppress(UserError):  # the other process has ended
+            self._mapping.put("log", name=record.name, level=record.levelno, text=record.getMessage())
 
 
 class TrackingSide:
@@ -51,7 +64,7 @@ class TrackingSide:
         self.tracking.restore(state["tracking"])
 
     def finish(self, **told: Any) -> dict[str, Any]:
-        """Hands over all scans that wait, and what is `told` (see `FinishMessage`); returns the content of metrics.json
+        """Hands over all scans that wait, and what is `told` (see `RunMap.finish`); returns the content of metrics.json
         once the results are written. Raises UserError."""
         began = perf_counter()
         steps = self.tracking.release()
@@ -60,11 +73,11 @@ class TrackingSide:
             self._hand_over(steps)
         finally:
             logging.getLogger("sgslam").removeHandler(self._lines)
-        return self.mapping.finish(FinishMessage(self._seconds, process_time() - self._cpu_began, **told))
+        return self.mapping.finish(seconds=self._seconds, cpu_seconds=process_time() - self._cpu_began, **told)
 
     def _hand_over(self, steps: list[TrackingStep]) -> None:
         for step in steps:
-            self.mapping.put(TrackedMessage(step, self.tracking.notes))
+            self.mapping.put("add", step=step, notes=self.tracking.notes)
 
 
 class SentCheckpoints(Checkpoints):
@@ -73,7 +86,7 @@ class SentCheckpoints(Checkpoints):
     def write(self, slam: TrackingSide, progress: dict[str, Any]) -> bool:  # type: ignore[override]
         """Sends the state of the tracker after the steps so far."""
         began = perf_counter()
-        slam.mapping.put(CheckpointMessage(slam.tracking.state(), progress))
+        slam.mapping.put("save", tracking=slam.tracking.state(), progress=progress)
         self._written = perf_counter()
         self._took = max(self._written - began, slam.mapping.state.checkpoint_s)
         return True

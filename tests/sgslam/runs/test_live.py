@@ -18,8 +18,8 @@ from drives import fed, small_drive
 
 from data.common.errors import UserError
 from data.trajectory import Trajectory
-from sgslam.cli.processes.log_lines import LogLines
 from sgslam.cli.processes.run_map import map_start
+from sgslam.cli.processes.tracking_side import LogLines
 from sgslam.live import LiveSlam
 from sgslam.live.commands import read_pose
 from sgslam.live.latencies import Latencies
