@@ -100,7 +100,7 @@ def _system(case: DriveCase, variant: Variant, drive: Drive, sent: Troubled, wor
     for scan in scans() if samples is None else with_samples(scans(), samples, slam.add_imu):
         T_odom_sensor = None if odometry is None else odometry.at(scan.stamp_ns)
         live.append(slam.add_scan(scan.stamp_ns, scan.points, scan.point_times, T_odom_sensor))
-    result = slam.finish(scans() if variant.second_pass else None)
+    result = slam.finish(variant.second_pass)
     cpu_s = process_time() - began
     facts = _facts(result) | {"kidnaps": slam.kidnaps, "cpu_s": cpu_s, "scans_per_s": len(live) / cpu_s}
     facts |= {"length_m": drive.length_m, "peak_mb": _peak_mb()}

@@ -1,8 +1,7 @@
 """The algorithm: from scans to an S-graph, matched with and anchored to a plan, and a trajectory in the BIM frame."""
 
 import logging
-from collections.abc import Iterable, Sequence
-from copy import deepcopy
+import pickle
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +10,6 @@ from numpy.typing import NDArray
 
 from data import SceneGraph, UserError
 from data.plans import Bim
-from data.scans import Scan, ScanSource
 from data.trajectory import Trajectory
 from matching.result import AnyMatcher
 from sgslam.anchoring import AnchorRecord
@@ -19,15 +17,16 @@ from sgslam.config import Config
 from sgslam.loops import LoopCloser
 from sgslam.mapping import KeyframeClouds
 from sgslam.odometry import Odometry
-from sgslam.registration import Health
+from sgslam.registration.motion import deskewed
 from sgslam.session import PriorMap, Result, Session, Snapshot, Stopwatch, Update
 from sgslam.session.adjusting import adjust
 from sgslam.session.finishing import assemble_result
 from sgslam.session.scan_poses import at_stamps
-from sgslam.session.second_pass import second_pass
+from sgslam.session.second_pass import pass_again
 from sgslam.session.snapshot import take_snapshot
 from sgslam.session.soundness.scan_uncertainty import live_sigma
-from sgslam.tracking import CarriedElsewhere, RunTracker, TrackedScan, TrackingStep
+from sgslam.tracking import RunTracker, TrackerNotes
+from sgslam.types import Health, TrackedScan
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -59,8 +58,8 @@ class SceneGraphSlam:
         self._tracking = RunTracker(config, odometry)
         self._session = Session(config, a_graph, matcher, prior, storey)
         self._map = self._session.begin(clouds, self._stopwatch)
-        self._steps: list[TrackingStep] = []  # that are not in the map yet
-        self._advice: list[str] = []  # of a tracker elsewhere
+        self._tracked: list[TrackedScan] = []  # scans that are not in the map yet
+        self._elsewhere: TrackerNotes | None = None  # of a tracker elsewhere
 
     def add_scan(
         self,
@@ -87,16 +86,16 @@ class SceneGraphSlam:
         map, the sensor was carried elsewhere: a new map begins, until it is relocalised in the old map or in the
         building.
         """
-        with self._stopwatch("odometry"):  # no step until gravity is known
-            self._steps += self._tracking.track(stamp_ns, points, point_times, T_odom_sensor, step_covariance)
-        self._take_steps()
+        with self._stopwatch("odometry"):  # no scan until gravity is known
+            self._tracked += self._tracking.track(stamp_ns, points, point_times, T_odom_sensor, step_covariance)
+        self._take_all()
         return self._update(int(stamp_ns))
 
-    def add_tracked(self, step: TrackingStep, advice: Sequence[str] = ()) -> None:
-        """Adds a scan that a `RunTracker` elsewhere has tracked, instead of `add_scan`: all of a run's steps, in their
-        order, give the same map. `advice` is the tracker's so far."""
-        self._advice = list(advice)
-        self._take(step)
+    def add_tracked(self, scan: TrackedScan, notes: TrackerNotes) -> None:
+        """Adds a scan that a `RunTracker` elsewhere has tracked, instead of `add_scan`: all of a run's scans, in their
+        order, give the same map. `notes` are the tracker's now."""
+        self._elsewhere = notes
+        self._add(scan)
 
     def add_imu(self, stamp_ns: int | NDArray[np.int64], gyro: Floats, accel: Floats) -> None:
         """Adds an IMU sample, by the scans' clock: angular velocity (3,) in rad/s and specific force (3,) in m/s2 or g,
@@ -107,88 +106,80 @@ class SceneGraphSlam:
         begin with the scans to show the vertical. Raises UserError for stamps that do not increase and values that are
         not finite; the run continues without these samples.
         """
-        self._tracking.add_imu(stamp_ns, gyro, accel)
+        self._tracking.motion.add_imu(stamp_ns, gyro, accel)
 
     @property
     def newest_imu_ns(self) -> int | None:
         """The stamp of the newest IMU sample; None before the first."""
-        return self._tracking.imu.newest_ns
+        return self._tracking.motion.imu.newest_ns
 
-    def _take_steps(self) -> None:
-        """Takes all steps; where one fails, by a matcher for instance, the others are taken with the next scan."""
-        while self._steps:
-            self._take(self._steps.pop(0))
-
-    def _take(self, step: TrackingStep) -> None:
-        """Adds a tracked scan to the map, or begins a new map where the sensor was carried elsewhere."""
-        if isinstance(step, CarriedElsewhere):
-            told = "the sensor was carried elsewhere, or was lost; a new map begins"
-            _log.warning("scan at %.2f s: %s", step.since_ns / 1e9, told)
-            self._map = self._session.split(self._map)
-        else:
-            self._add(step)
+    def _take_all(self) -> None:
+        """Adds all tracked scans; where one fails, by a matcher for instance, the others are added with the next."""
+        while self._tracked:
+            self._add(self._tracked.pop(0))
 
     def _add(self, scan: TrackedScan) -> None:
         """Adds a tracked scan to the map."""
+        if scan.begins_elsewhere:
+            why = "the sensor was carried elsewhere, or was lost; a new map begins"
+            _log.warning("scan at %.2f s: %s", scan.raw.stamp_ns / 1e9, why)
+            self._map = self._session.split(self._map)
         current = self._map
-        if current.add_scan(scan):
-            current.add_keyframe(scan.points)  # with the walls and floor extracted from it
-            if current.has_grown:
-                current.update()  # matches and anchors, optimises, closes loops, segments rooms
+        if not current.add_scan(scan):  # no keyframe is due
+            return
+        # walls and levels are extracted from all points of a keyframe
+        current.add_keyframe(deskewed(scan.registration, scan.raw.points))
+        if current.has_grown:
+            current.update()  # matches and anchors, optimises, closes loops, segments rooms
 
     def _update(self, stamp_ns: int) -> Update:
-        waiting, T_bim_map = self._tracking.waiting, self.T_bim_map
-        health: Health | None = None
+        keyframes, T_bim_map = len(self._map.backend.keyframes), self.T_bim_map
+        if (waiting := self._tracking.waiting) is not None:  # in a frame that no map is in yet
+            return Update(stamp_ns, waiting, keyframes, False, None, None)
+        health: Health = "lost"
         if (held := self._tracking.held) is not None:
-            T_map_sensor, health = self._map.T_map_odom @ held.T_odom_sensor, "lost"
-        elif waiting is None:
-            T_map_sensor, health = self._map.scans[-1].T_map_sensor, self._map.scans[-1].health
+            T_map_sensor = self._map.T_map_odom @ held.T_odom_sensor
         else:
-            T_map_sensor = waiting
+            T_map_sensor, health = self._map.scans[-1].T_map_sensor, self._map.scans[-1].health
         T_bim_sensor = None if T_bim_map is None else T_bim_map @ T_map_sensor
-        keyframes = len(self._map.backend.keyframes)
         return Update(stamp_ns, T_map_sensor, keyframes, self.anchored, T_bim_sensor, health)
 
     def _release(self) -> None:
         """Adds all scans that wait."""
-        self._steps += self._tracking.release()
-        self._take_steps()
+        self._tracked += self._tracking.release()
+        self._take_all()
 
-    def finish(self, scans: Iterable[Scan] | None = None) -> Result:
+    def finish(self, second_pass: bool = False) -> Result:
         """Matches and optimises a last time, and returns the result. Raises UserError if no scan was added.
 
-        If `scans` yields the run's scans again, a second pass registers all of them to the final map, so that each pose
-        also uses what was seen later. It needs scans that follow one another (`ScanSource.is_dense`), and a run in one
-        part, without a prior map and without an IMU. If the map is no longer anchored after the second pass, the result
-        of the first one is returned.
+        A `second_pass` registers all scans to the final map, so that each pose also uses what was seen later. It needs
+        scans that follow one another (`ScanSource.is_dense`), and a run in one part, without a prior map and without an
+        IMU. If the map is no longer anchored after it, the result of the first pass is returned.
         """
-        given, is_dense = (scans.given, scans.is_dense) if isinstance(scans, ScanSource) else (None, True)
-        result = self._finish(scans if is_dense else None)
-        return replace(result, plan_file=self._plan_file, given=given, slam=self)
+        return replace(self._finish(second_pass), plan_file=self._plan_file, slam=self)
 
-    def _finish(self, scans: Iterable[Scan] | None) -> Result:
+    def _finish(self, second_pass: bool) -> Result:
         self._release()
         if not self._map.scans:
             raise UserError("no scan was added, so there is no result; call add_scan first")
         relocalisation = self._session.finish(self._map)
-        session = self._session
-        can_pass_again = session.prior is None and not session.unplaced and self.newest_imu_ns is None
+        session, notes = self._session, self._elsewhere or self._tracking.notes
         single, again = None, False
-        if scans is not None and can_pass_again:
-            single = deepcopy(self._map.state())
-            again = second_pass(self._map, scans, self._tracking.times_of, self._config.tracking)
+        if second_pass and session.prior is None and not session.unplaced and not notes.has_imu:
+            single = pickle.dumps(self._map.state()) if self.anchored else None
+            again = pass_again(self._map, self._config.tracking)
         adjust(self._map, self._config)
-        advice = [*self._advice, *self._tracking.advice]
-        if not self.anchored and self._tracking.is_way_up_assumed:  # a plan does not fit a map that is upside down
+        advice = list(notes.advice)
+        if not self.anchored and notes.is_way_up_assumed:  # a plan does not fit a map that is upside down
             advice.append(_WAY_UP)
             _log.warning("%s", _WAY_UP)
         finished = session.bim, session.unplaced, relocalisation, self._config, advice
         result = assemble_result(self._map, *finished, again)
-        if single is None or not again or result.anchored or single["T_bim_map"] is None:
+        if single is None or not again or result.anchored:
             return result
         _log.warning("the second pass is left out: after it, %s", result.reason)
         self._map = session.begin(self.clouds, self._stopwatch)
-        self._map.restore(single)
+        self._map.restore(pickle.loads(single))
         self._map.complete()
         adjust(self._map, self._config)
         return assemble_result(self._map, *finished, passed_again=False)
@@ -302,9 +293,11 @@ class SceneGraphSlam:
 
     def restore(self, state: dict[str, Any]) -> None:
         """Restores a tree that `state` returned, for the same building and settings; the run then continues bit by bit
-        as the saved one would have. Raises KeyError, TypeError or ValueError if the tree does not fit."""
+        as the saved one would have. Its "tracking" is None where another process tracks. Raises KeyError, TypeError or
+        ValueError if the tree does not fit."""
         clouds = self._session.restore(state["session"], self.clouds)
         self._map = self._session.begin(clouds, self._stopwatch)
         self._map.restore(state["map"])
-        self._tracking.restore(state["tracking"])
+        if state["tracking"] is not None:
+            self._tracking.restore(state["tracking"])
         self._stopwatch.seconds = state["seconds"]

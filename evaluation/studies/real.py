@@ -82,7 +82,7 @@ def measure(case: Recorded, work: Path) -> Record:
         for scan in scans:
             slam.add_scan(scan.stamp_ns, scan.points, scan.point_times)
             stamps.append(scan.stamp_ns)
-        results.append(slam.finish(recording.scans if whole else None))
+        results.append(slam.finish(second_pass=whole))
     true = 0 if plan is None else len(associate(np.array(stamps, np.int64), truth.stamps_ns)[0])
     if results and plan is not None and not true:
         raise UserError(f"{case.sequence}: no scan is within 10 ms of a true pose; their clocks must be the same")

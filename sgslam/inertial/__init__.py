@@ -2,7 +2,7 @@
 
 from sgslam.inertial.buffer import ImuBuffer
 from sgslam.inertial.measured_motion import MeasuredMotion
-from sgslam.inertial.preintegration import NO_TURNS, Changes, Turns, UnsteadyTurn, no_changes
+from sgslam.inertial.preintegration import NO_TURNS, Changes, Turns, no_changes, steadied
 from sgslam.inertial.vertical import measured_up
 
 __all__ = [
@@ -11,7 +11,7 @@ __all__ = [
     "ImuBuffer",
     "MeasuredMotion",
     "Turns",
-    "UnsteadyTurn",
     "measured_up",
     "no_changes",
+    "steadied",
 ]

@@ -1,7 +1,6 @@
 """What an IMU measures between knots; preintegrated turns (Forster et al., T-RO 2017, equations 35 and A.20)."""
 
 import math
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,6 +8,7 @@ from numpy.typing import NDArray
 
 from data.common.compiled import compiled
 from sgslam.geometry.rotations import rotated_by, turn_between
+from sgslam.types import UnsteadyTurn
 
 Floats = NDArray[np.float64]
 _STEP = 0.005  # s, of the integration; that of an IMU with 200 samples a second
@@ -38,21 +38,9 @@ def no_changes(count: int) -> Changes:
     return Changes(np.zeros((count, 3)), np.zeros(count))
 
 
-@dataclass(frozen=True, eq=False)
-class UnsteadyTurn:
-    """Rotation `vectors` (S, 3) at `seconds` (S,), ascending: the attitude relative to that of a steady turn between
-    knots, in the sensor's axes."""
-
-    seconds: Floats
-    vectors: Floats
-
-    def later(self, seconds: float) -> "UnsteadyTurn":
-        """The same, so many seconds later."""
-        return UnsteadyTurn(self.seconds + seconds, self.vectors)
-
-    def steadied(self, vectors: NDArray[np.floating[Any]], seconds: Floats) -> Floats:
-        """Points or normals (N, 3), measured at `seconds` (N,), as a sensor that turns steadily measures them."""
-        return np.asarray(_steadied(np.asarray(vectors, np.float64), seconds, self.seconds, self.vectors))
+def steadied(turn: UnsteadyTurn, vectors: NDArray[np.floating[Any]], seconds: Floats) -> Floats:
+    """Points or normals (N, 3), measured at `seconds` (N,), as a sensor that turns steadily measures them."""
+    return np.asarray(_steadied(np.asarray(vectors, np.float64), seconds, turn.seconds, turn.vectors))
 
 
 @compiled

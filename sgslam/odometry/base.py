@@ -5,8 +5,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.registration import Motion
 from sgslam.registration.motion_prior import moved_on, velocity_between
+from sgslam.types import Motion
 
 Floats = NDArray[np.float64]
 State = dict[str, Any]

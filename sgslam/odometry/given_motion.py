@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 from sgslam.config import OdometrySettings
 from sgslam.geometry.frames import inverse, squared_up
 from sgslam.odometry.base import steady_motion
-from sgslam.registration import Registration
 from sgslam.registration.motion_prior import Steps, moved_on, velocity_between
 from sgslam.serialization import Stateful
+from sgslam.types import Registration
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)

@@ -9,6 +9,7 @@ from small_gicp import align, preprocess_points
 from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import angle_of, inverse, squared_up
 from sgslam.odometry.base import State, at_stamp, end_of, is_snapshot, seconds_since, steady_motion
+from sgslam.registration.motion import points_and_rays
 from sgslam.registration.motion_prior import moved_on, velocity_between
 from sgslam.serialization import Stateful
 
@@ -63,7 +64,7 @@ class SmallGicpOdometry(Stateful):
         if point_times is None:
             return points[within]
         motion = steady_motion(T, self._velocity, end_of(point_times), point_times)
-        return np.asarray((motion.placed(points[within], point_times[within]) - T[:3, 3]) @ T[:3, :3])
+        return np.asarray((points_and_rays(motion, points[within], point_times[within])[0] - T[:3, 3]) @ T[:3, :3])
 
     def _add(self, points: Floats) -> None:
         """Adds points (N, 3) of a scan to the local map if it is far enough from the newest one in it."""

@@ -13,8 +13,8 @@ from sgslam.geometry.frames import inverse, squared_up
 from sgslam.odometry.base import State
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.perception.point_times import Rule, even_times, guessed_times
-from sgslam.registration import Motion, Registration
 from sgslam.registration.motion_prior import velocity_between
+from sgslam.types import Motion, Registration
 
 Floats = NDArray[np.float64]
 Kind = Literal["snapshot", "order"]
@@ -98,12 +98,6 @@ class TimedOdometry:
             self._compare(results, is_ordered, interval_s)
         self._last = {kind: results[kind].T_odom_sensor for kind in self._odometries}
         return _moved(self._shift, results[self._best])
-
-    def times_of(self, points: Floats, point_times: Floats | None) -> Floats | None:
-        """(N,) the times of a scan's points (N, 3), given or not, by what is known now; None for a snapshot."""
-        if not len(points):
-            return None
-        return self._guessed(points)[0] if point_times is None and self._best == "order" else point_times
 
     def level(self, up_in_odom: Floats) -> None:
         """See `ContinuousTimeOdometry.level`."""

@@ -3,13 +3,12 @@
 from sgslam.perception.column_scan import ColumnScan, sort_into_columns
 from sgslam.perception.keyframe_scan import keyframe_scan
 from sgslam.perception.level_extraction import LevelObservation, extract_levels
-from sgslam.perception.scan_checks import RawScan, checked_scan
+from sgslam.perception.scan_checks import checked_scan
 from sgslam.perception.wall_extraction import WallObservation, extract_walls
 
 __all__ = [
     "ColumnScan",
     "LevelObservation",
-    "RawScan",
     "WallObservation",
     "checked_scan",
     "extract_levels",

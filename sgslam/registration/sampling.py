@@ -1,7 +1,7 @@
 """Thins a scan out to points spread evenly in space."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.geometry.normal_equations import principal_axes
-from sgslam.inertial import UnsteadyTurn
+from sgslam.inertial import steadied
 from sgslam.registration.points import UNKNOWN
+from sgslam.types import TimedPoints, UnsteadyTurn
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -22,35 +23,6 @@ _FLAT = 4.0  # times the variance across, that along a surface in its narrower d
 _NOISE = 0.02  # m, standard deviation of a range: by it alone, the points of one ring spread along their rays
 _HALF = 2.0**20  # cells, so that no index is negative
 _SHORTEST = 1e-3  # s; a shorter scan is a snapshot
-
-
-@dataclass(frozen=True, eq=False)
-class TimedPoints:
-    """Points (N, 6) of a scan that are used, in the sensor frame, measured at `seconds` (N,).
-
-    Their first three columns are places, the others normals of the scan's surfaces there; zero where it shows none.
-
-    `knot_seconds` (K,) divide the scan into pieces of steady motion; one knot for a snapshot. `plane_of` (N,) are the
-    surfels of the local map that the points lie on, as far as known.
-    """
-
-    points: Floats
-    seconds: Floats
-    knot_seconds: Floats
-    plane_of: Ints32
-
-    def later(self, seconds: float) -> "TimedPoints":
-        """The same points, measured so many seconds later."""
-        return TimedPoints(self.points, self.seconds + seconds, self.knot_seconds + seconds, self.plane_of)
-
-    def reversed(self) -> "TimedPoints":
-        """The same points, as time runs backwards."""
-        return TimedPoints(self.points, -self.seconds, -self.knot_seconds[::-1], self.plane_of)
-
-    def steadied(self, turn: UnsteadyTurn) -> "TimedPoints":
-        """The same points, of a sensor that turns steadily between the knots."""
-        parts = [turn.steadied(own, self.seconds) for own in np.hsplit(self.points, 2)]
-        return TimedPoints(np.hstack(parts), self.seconds, self.knot_seconds, self.plane_of)
 
 
 def thinned(
@@ -77,6 +49,12 @@ def thinned(
     return TimedPoints(chosen, began + point_times[own], knots, unknown), side
 
 
+def steadied_points(scan: TimedPoints, turn: UnsteadyTurn) -> TimedPoints:
+    """The same points, of a sensor that turns steadily between the knots."""
+    parts = [steadied(turn, own, scan.seconds) for own in np.hsplit(scan.points, 2)]
+    return replace(scan, points=np.hstack(parts))
+
+
 def one_a_cell(points: Floats, side: float, nearest: float, farthest: float) -> Ints:
     """The indices of the first of points (N, 3) in each cell of `side` (m), between two ranges (m)."""
     chosen: Ints = _cells(points, side, nearest, farthest, 0.0)[0]
@@ -90,20 +68,22 @@ def _cells(points: Floats, side: float, nearest: float, farthest: float, patch: 
 
     Without patches where their side is 0.
     """
-    size, count, patches, per_side, per_patch = 1, 0, 0, 1 / side, 1 / patch
+    size = 1
     while size < 2 * len(points):
         size *= 2
     table, keys, chosen = np.zeros(size, np.int32), np.empty(len(points), np.int64), np.empty(len(points), np.int64)
     of_patch, patch_keys = np.zeros(size if patch > 0 else 1, np.int32), np.empty(len(points), np.int64)
     sums, patch_of = np.empty((len(points), 10)), np.zeros(len(points), np.int64)
+    count, patches, number, last, last_patch = 0, 0, 0, -1, -1  # neighbours are often in the same cell
     for p in range(len(points)):
         x, y, z = points[p, 0], points[p, 1], points[p, 2]
-        number = 0
         if patch > 0:
-            number = _number_of(x * per_patch, y * per_patch, z * per_patch, of_patch, patch_keys, patches)
-            if number == patches:
-                sums[number] = 0.0
-                patches += 1
+            key = _key(x / patch, y / patch, z / patch)
+            if key != last_patch:
+                last_patch, number = key, _number_of(key, of_patch, patch_keys, patches)
+                if number == patches:
+                    sums[number] = 0.0
+                    patches += 1
             sums[number, 0] += 1
             sums[number, 1] += x
             sums[number, 2] += y
@@ -114,19 +94,27 @@ def _cells(points: Floats, side: float, nearest: float, farthest: float, patch: 
             sums[number, 7] += y * y
             sums[number, 8] += y * z
             sums[number, 9] += z * z
-        is_near = nearest * nearest <= x * x + y * y + z * z <= farthest * farthest
-        if is_near and _number_of(x * per_side, y * per_side, z * per_side, table, keys, count) == count:
+        if not nearest * nearest <= x * x + y * y + z * z <= farthest * farthest:
+            continue
+        key = _key(x / side, y / side, z / side)
+        if key != last and _number_of(key, table, keys, count) == count:
             chosen[count], patch_of[count] = p, number
             count += 1
+        last = key
     return chosen[:count], patch_of[:count], sums[:patches]
 
 
 @compiled
-def _number_of(x: float, y: float, z: float, table: Ints32, keys: Ints, count: int) -> int:
-    """The number of the cell of side 1 that holds a point; `count`, that of the known cells, for a new one, which is
-    then known by the `keys` of all cells and the hash `table` of their numbers plus one."""
-    i, j, k = int(x + _HALF), int(y + _HALF), int(z + _HALF)
-    key, mask = (((i << 21) | j) << 21) | k, len(table) - 1
+def _key(x: float, y: float, z: float) -> int:
+    """The key of the cell of side 1 that holds a point."""
+    return (((int(x + _HALF) << 21) | int(y + _HALF)) << 21) | int(z + _HALF)
+
+
+@compiled
+def _number_of(key: int, table: Ints32, keys: Ints, count: int) -> int:
+    """The number of a cell; `count`, that of the known cells, for a new one, which is then known by the `keys` of all
+    cells and the hash `table` of their numbers plus one."""
+    mask = len(table) - 1
     place = ((key * 0x9E3779B97F4A7C1) >> 21) & mask
     while table[place] > 0:
         if keys[table[place] - 1] == key:

@@ -16,12 +16,12 @@ from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.registration.beliefs import MotionModel
 from sgslam.registration.degeneracy import project_out_feigned
+from sgslam.registration.motion import points_and_rays, pose_at
 from sgslam.registration.motion_prior import add_height, add_velocities
 from sgslam.registration.points import KERNEL, STRAYED, UNKNOWN, Weights, point_equations
-from sgslam.registration.sampling import TimedPoints
-from sgslam.registration.types import Motion
 from sgslam.registration.window import MotionPrior, update_knots, window_knots
 from sgslam.surfels import SurfelMap, Surfels
+from sgslam.types import Motion, TimedPoints
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -59,8 +59,8 @@ class _Seen:
             self.plane_of[:], self.strayed = UNKNOWN, 0.0
         points = scan.points.astype(np.float64)
         residual, _, _ = point_equations(
-            points, scan.seconds, scan.knot_seconds, knots, self.plane_of, surfels, -1.0, error, self.kernel, weights,
-            self.H, self.g, self.F,
+            points, scan.seconds, scan.knot_seconds, knots, self.plane_of, 1, surfels, -1.0, error, self.kernel,
+            weights, self.H, self.g, self.F,
         )  # fmt: skip
         project_out_feigned(self.H, self.g, self.F, weights.feigned)
         self.moved, self.kernel = 0.0, min(self.kernel, max(weights.kernel, KERNEL * residual))
@@ -82,7 +82,7 @@ def smoothed(
     `start` has a pose at each scan's stamp. Scans that are not `is_known` (N,) make no part of the map.
     """
     seconds, firsts = _knots_of(scans)
-    motion = Motion(seconds, np.stack([start.at(second) for second in seconds]))
+    motion = Motion(seconds, np.stack([pose_at(start, second) for second in seconds]))
     weights, seen = Weights.of(settings), [_Seen(scan) for scan in scans]
     knots_of = [slice(first, first + len(scan.knot_seconds)) for scan, first in zip(scans, firsts, strict=True)]
     # the first pass knows the way; unknown is how a hand sways up and down, as fast as it turns
@@ -118,7 +118,8 @@ def _map_of(scans: list[TimedPoints], knots_of: list[slice], motion: Motion, is_
         for i in range(turn, len(scans), _TURNS):
             if is_known[i]:
                 own = Motion(scans[i].knot_seconds, motion.knots[knots_of[i]])
-                surfels.add(*own.seen(scans[i].points.astype(np.float64), scans[i].seconds), 0.0, 1.0)
+                seen = points_and_rays(own, scans[i].points.astype(np.float64), scans[i].seconds)
+                surfels.add(*seen, 0.0, 1.0)
     return surfels
 
 

@@ -16,11 +16,13 @@ from sgslam.geometry.frames import inverse, level_at, level_map, raised, squared
 from sgslam.loops import LoopCloser
 from sgslam.mapping import Anchors, Floors, FloorTransition, KeyframeClouds, KeyframeNode, KeyframeRule
 from sgslam.perception import keyframe_scan
+from sgslam.registration.motion import few_points, motion_since_begin
+from sgslam.session.scan_points import ScanPoints
 from sgslam.session.scan_poses import ScanPose
 from sgslam.session.soundness.step_uncertainty import StepUncertainty
 from sgslam.session.stopwatch import Stopwatch
 from sgslam.surfels import SurfelMap
-from sgslam.tracking import TrackedScan
+from sgslam.types import TrackedScan
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -41,6 +43,7 @@ class ActiveMap:
     ) -> None:
         self._config = config
         self.anchoring, self.clouds, self.stopwatch = anchoring, clouds, stopwatch
+        self.points = ScanPoints(config.tracking, None if clouds.path is None else clouds.path.parent)
         self.floors = Floors(config)
         self.transition = FloorTransition(config.floors, config.surfaces.guessed_height)
         self._surfels = SurfelMap()  # of the scans since the last keyframe, in `odom`
@@ -103,17 +106,18 @@ class ActiveMap:
         self.scans.append(
             ScanPose(
                 scan.raw.stamp_ns, scan.T_odom_sensor, T_map_sensor, max(len(keyframes) - 1, 0), since,
-                health=scan.health, covariance=scan.covariance, T_begin_sensor=scan.T_begin_sensor,
+                health=scan.health, covariance=scan.covariance, T_begin_sensor=motion_since_begin(scan),
             )
         )  # fmt: skip
         self._covariance, self.is_external = scan.covariance, scan.raw.T_odom_sensor is not None
+        self.points.add(scan)
         if scan.raw.step_covariance is not None and len(self.scans) > 1:
             R_sensor_before = scan.T_odom_sensor[:3, :3].T @ self.scans[-2].T_odom_sensor[:3, :3]
             self._steps.tell(scan.raw.step_covariance, R_sensor_before)
         if scan.health == "lost" and keyframes:
             return False
         with self.stopwatch("surfaces"):
-            thinned = scan.registration.thinned(scan.raw.points, self._config.tracking)
+            thinned = few_points(scan.registration, scan.raw.points, self._config.tracking)
             self._surfels.add_scan(thinned, scan.T_odom_sensor)
         landed = self._follow_floor(self.scans[-1])
         return self._keyframe_rule.wants(T_map_sensor) or landed
@@ -292,7 +296,7 @@ class ActiveMap:
     def _parts(self) -> dict[str, Any]:
         parts = {
             "rule": self._keyframe_rule, "floors": self.floors, "backend": self.backend, "loops": self.loops,
-            "surfels": self._surfels, "transition": self.transition, "steps": self._steps,
+            "surfels": self._surfels, "transition": self.transition, "steps": self._steps, "points": self.points,
         }  # fmt: skip
         return parts if self.anchoring is None else {**parts, "anchoring": self.anchoring}
 

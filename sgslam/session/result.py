@@ -31,7 +31,6 @@ from sgslam.config.loading import save_config
 from sgslam.mapping import KeyframeClouds
 from sgslam.mapping.cloud_map import cloud_map
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
-from sgslam.registration import Health
 from sgslam.report import ReportData, RunFolder
 from sgslam.report.elements import shown_as_element
 from sgslam.session.checkpoints import Checkpoints, Resumable
@@ -39,6 +38,7 @@ from sgslam.session.soundness.quality import Quality
 from sgslam.session.soundness.scan_uncertainty import FILE as SIGMA
 from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
 from sgslam.session.views import keyframe_views
+from sgslam.types import Health
 
 if TYPE_CHECKING:
     from matching.result import MatchesFile  # loads the matchers

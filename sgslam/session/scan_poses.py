@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from data.trajectory import Trajectory
 from sgslam.geometry.frames import inverse, level_at
-from sgslam.registration import Health
+from sgslam.types import Health
 
 Floats = NDArray[np.float64]
 

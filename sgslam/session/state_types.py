@@ -6,21 +6,18 @@ from sgslam.anchoring import AnchorRecord
 from sgslam.anchoring.anchor_log import AnchorEvent
 from sgslam.anchoring.match_history import MapSize, UniqueMatch
 from sgslam.backend import FactorEvent
-from sgslam.inertial import UnsteadyTurn
 from sgslam.mapping import Anchors, Closure, KeyframeNode, Lines, PlannedWall, RoomNode, Scene, SeenLevel, SeenWall
-from sgslam.perception import RawScan
-from sgslam.registration import Motion, Registration
 from sgslam.registration.beliefs import Belief
-from sgslam.registration.sampling import TimedPoints
 from sgslam.session.scan_poses import ScanPose
-from sgslam.tracking import TrackedScan
+from sgslam.tracking.run_tracker import Losses
+from sgslam.types import Motion, RawScan, Registration, TimedPoints, TrackedScan, UnsteadyTurn
 
 TYPES: dict[str, type] = {
     kind.__name__: kind
     for kind in (
         AnchorEvent, AnchorRecord, Anchors, Belief, Closure, Door, FactorEvent, Floor, Hypothesis,
-        Keyframe, KeyframeNode, Lines, MapSize, MatchResult, Motion, PlannedWall, RawScan, Registration, Room, RoomNode,
-        ScanPose, Scene, SceneGraph, SeenLevel, SeenWall, TimedPoints, TrackedScan, UniqueMatch, UnsteadyTurn,
-        WallSurface,
+        Keyframe, KeyframeNode, Lines, Losses, MapSize, MatchResult, Motion, PlannedWall, RawScan, Registration,
+        Room, RoomNode, ScanPose, Scene, SceneGraph, SeenLevel, SeenWall, TimedPoints, TrackedScan, UniqueMatch,
+        UnsteadyTurn, WallSurface,
     )
 }  # fmt: skip

@@ -14,7 +14,7 @@ from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.odometry.external import ExternalOdometry
 from sgslam.odometry.given_motion import GivenMotion
 from sgslam.odometry.timed import TimedOdometry
-from sgslam.registration import Registration
+from sgslam.types import Registration
 
 
 @dataclass(frozen=True)

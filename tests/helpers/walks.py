@@ -12,11 +12,10 @@ from scipy.spatial.transform import Rotation
 from data.geometry.raycast import TriangleScene
 from data.simulation import SpinningSensor
 from sgslam.geometry.frames import inverse
-from sgslam.registration import Registration
 from sgslam.registration.beliefs import Belief
-from sgslam.registration.sampling import TimedPoints
 from sgslam.serialization.state_tree import Packer, Unpacker
 from sgslam.surfels import SurfelMap
+from sgslam.types import Registration, TimedPoints
 
 SCAN_NS = 100_000_000
 HERE = np.eye(4)

@@ -10,9 +10,9 @@ from data.common.files import write_atomically
 from data.trajectory.stamps import ns_to_seconds
 from sgslam.backend import Backend, Uncertainty
 from sgslam.config import Config, OdometrySettings, QualitySettings
-from sgslam.registration import Health
 from sgslam.report.scan_states import ScanStates
 from sgslam.session.scan_poses import ScanPose
+from sgslam.types import Health
 
 Floats = NDArray[np.float64]
 FILE = "trajectory_sigma.csv"

@@ -19,10 +19,11 @@ from data.trajectory import Trajectory
 from sgslam.config import Config, TrackingSettings
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.odometry.timed import Kind, TimedOdometry
-from sgslam.registration import Motion, Registration
+from sgslam.registration.motion import pose_at
 from sgslam.registration.sampling import thinned
 from sgslam.registration.smoothing import smoothed
-from sgslam.tracking import CarriedElsewhere, RunTracker
+from sgslam.tracking import RunTracker
+from sgslam.types import Motion, Registration
 
 UP = np.array([0.0, 0.0, 1.0])
 AT = 0.2 * np.arange(50)  # s, of the scans of a run that is smoothed
@@ -112,10 +113,11 @@ def test_a_pause_in_the_scans_counts_as_lost(standing: Standing, pause: float, w
     tracker, points = RunTracker(Config()), standing[1]
     tracker.restore(deepcopy(standing[0].state()))
     stamps = [round((5.9 + pause + k / 10) * 1e9) for k in range(20)]
-    steps = [step for stamp in stamps for step in tracker.track(stamp, points, np.zeros(len(points)))]
-    parts = [step.since_ns / 1e9 for step in steps if isinstance(step, CarriedElsewhere)]
+    found = [own for stamp in stamps for own in tracker.track(stamp, points, np.zeros(len(points)))]
+    is_held = tracker.held is not None
+    parts = [own.raw.stamp_ns / 1e9 for own in (*found, *tracker.release()) if own.begins_elsewhere]
     assert parts == ([pytest.approx(5.9 + pause, abs=0.15)] if is_new_part else [])
-    assert (tracker.held is not None) == waits
+    assert is_held == waits
 
 
 def test_scans_that_always_come_rarely_are_no_pauses(drive: Drive) -> None:
@@ -147,7 +149,7 @@ def smoothed_poses(clouds: list[Array], start: Array, known: Array | None = None
     settings, known = TrackingSettings(), np.ones(len(clouds), bool) if known is None else known
     used = [thinned(cloud, None, second, 0.1, settings)[0] for cloud, second in zip(clouds, AT, strict=True)]
     motion = smoothed(used, Motion(AT, start.copy()), known, settings)
-    return np.stack([motion.at(second) for second in AT])
+    return np.stack([pose_at(motion, second) for second in AT])
 
 
 def off(poses: Array, truth: Array) -> Array:

@@ -9,7 +9,7 @@ from sgslam.config import OdometrySettings, TrackingSettings
 from sgslam.geometry.frames import inverse
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.odometry.given_motion import GivenMotion
-from sgslam.registration import Registration
+from sgslam.types import Registration
 
 NOTHING = np.zeros((0, 3))
 

@@ -10,9 +10,9 @@ from walks import CORRIDOR, FURNISHED, SCAN_NS, furnished, straight, ways_off
 
 from sgslam.config import TrackingSettings
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
-from sgslam.registration import Registration
 from sgslam.registration.health import innovation, judged
 from sgslam.registration.window import Solved
+from sgslam.types import Registration
 
 Driven = tuple[list[Registration], dict[str, Any]]  # the results and the state
 SURE = 1e-6 * np.eye(6)

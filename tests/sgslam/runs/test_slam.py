@@ -2,7 +2,6 @@
 
 import logging
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,16 +13,16 @@ from drives import Drive, fed, off, small_drive, small_run
 from scipy.spatial.transform import Rotation
 
 from data import SceneGraph, UserError
-from data.scans import Scan
 from data.trajectory import Trajectory
 from matching import MatchResult
 from matching.result import Status
 from sgslam.config import Config, QualitySettings, TrackingSettings
-from sgslam.registration import Motion
-from sgslam.registration.sampling import TimedPoints
+from sgslam.mapping import KeyframeClouds
 from sgslam.session import Result
+from sgslam.session.scan_points import FILE as POINTS
 from sgslam.session.scan_poses import ScanPose, with_unplaced
 from sgslam.slam import SceneGraphSlam
+from sgslam.types import Motion, TimedPoints
 
 
 @pytest.fixture(scope="module")
@@ -186,18 +185,12 @@ def test_a_part_begins_level_at_the_last_known_place_and_heading() -> None:
     np.testing.assert_allclose(whole.poses[2], pose(5.0, 2.0, 1.0, np.pi / 2, 0.0, -0.2), atol=1e-9)
 
 
-def read_again() -> Iterator[Scan]:
-    """The drive's scans as a source yields them."""
-    for k, (stamp_ns, points) in enumerate(small_drive().scans):
-        yield Scan(k, stamp_ns, points, point_times=np.zeros(len(points)))
-
-
 @pytest.fixture(scope="module")
 def passed_again() -> tuple[SceneGraphSlam, Result, Result]:
     """A run, and its results before and after a second pass."""
     drive = small_drive()
     slam = fed(SceneGraphSlam(drive.bim), drive.scans)
-    return slam, slam.finish(), slam.finish(read_again())
+    return slam, slam.finish(), slam.finish(second_pass=True)
 
 
 @pytest.mark.slow
@@ -219,16 +212,19 @@ def test_poses_are_better_than_the_live_ones_which_are_kept(
 
 
 @pytest.mark.slow
-def test_scans_that_cannot_all_be_read_again_change_nothing(caplog: pytest.LogCaptureFixture) -> None:
-    drive = small_drive()
-    slam = fed(SceneGraphSlam(), drive.scans[:40])
-    single = slam.finish()
+def test_a_run_whose_points_are_gone_has_no_second_pass(caplog: pytest.LogCaptureFixture, tmp_path: Path) -> None:
+    """Of a run that was killed, the file may have been deleted."""
+    first = fed(SceneGraphSlam(clouds=KeyframeClouds(tmp_path / "clouds.bin")), small_drive().scans[:40])
+    state, single = first.state(), first.finish()
+    again = SceneGraphSlam(clouds=first.clouds)
+    (tmp_path / POINTS).unlink()
+    again.restore(state)
     with caplog.at_level(logging.WARNING):
-        again = slam.finish(list(read_again())[:39])
-    assert "39 of 40 scans can be read again" in caplog.text
-    assert again.trajectory_live is None
-    assert np.abs(again.trajectory.poses - single.trajectory.poses).max() < 1e-4  # optimised once more
-    assert slam.finish(read_again()).trajectory_live is not None  # more scans than the run has do no harm
+        kept = again.finish(second_pass=True)
+    assert "the points of 0 of 40 scans are there" in caplog.text
+    assert kept.trajectory_live is None
+    assert np.abs(kept.trajectory.poses - single.trajectory.poses).max() < 1e-4  # optimised once more
+    assert first.finish(second_pass=True).trajectory_live is not None
 
 
 @pytest.mark.slow
@@ -249,7 +245,7 @@ def test_a_result_stays_that_a_second_pass_would_lose(
 
     monkeypatch.setattr("sgslam.session.second_pass.smoothed", bent)
     with caplog.at_level(logging.WARNING):
-        kept = slam.finish(read_again())
+        kept = slam.finish(second_pass=True)
     assert "the second pass is left out" in caplog.text
     assert kept.anchored and kept.trajectory_live is None
     assert small_drive().rmse(kept) < small_drive().rmse(single) + 0.01

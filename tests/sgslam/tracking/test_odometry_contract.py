@@ -19,8 +19,9 @@ from sgslam.odometry import METHODS
 from sgslam.odometry.external import ExternalOdometry
 from sgslam.odometry.factory import choose
 from sgslam.odometry.given_motion import GivenMotion
-from sgslam.registration import Registration
+from sgslam.registration.motion import deskewed, pose_at
 from sgslam.slam import SceneGraphSlam
+from sgslam.types import Registration
 
 NS = 1_000_000_000
 each = pytest.mark.parametrize("method", [*METHODS, "given"])
@@ -101,13 +102,13 @@ def test_scans_of_a_moving_sensor_are_undistorted(method: str) -> None:
     # the first scans build up the map and the velocity
     metres, radians = step_errors(found[6:], truth[6:], 17)[0]
     assert metres < limits.rolling and radians < np.radians(2.5)
-    assert max(off(result.motion.at(0.0), result.T_odom_sensor)[0] for result in found) < 1e-6
+    assert max(off(pose_at(result.motion, 0.0), result.T_odom_sensor)[0] for result in found) < 1e-6
     (points, times), T = rolling()[-1], truth[-1]
     late = times > 0.09
-    raw, right = points[late], found[-1].undistorted(points)[late]
+    raw, right = points[late], deskewed(found[-1], points)[late]
     true = transform_points(inverse(T) @ circle(np.array([2.395]))[0], raw)
     assert np.median(np.linalg.norm(right - true, axis=1)) < 0.5 * np.median(np.linalg.norm(raw - true, axis=1))
-    step = off(found[-1].T_odom_sensor, found[-1].motion.at(0.1))[0]
+    step = off(found[-1].T_odom_sensor, pose_at(found[-1].motion, 0.1))[0]
     assert step == pytest.approx(off(truth[-2], truth[-1])[0], abs=0.03)
 
 

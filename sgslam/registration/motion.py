@@ -1,0 +1,65 @@
+"""Where a moving sensor was at any time of a scan, and its points as seen from one instant."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sgslam.config import TrackingSettings
+from sgslam.geometry.frames import inverse
+from sgslam.inertial import steadied
+from sgslam.registration.motion_prior import moved_on, velocity_between
+from sgslam.registration.points import placed, undistorted
+from sgslam.registration.sampling import one_a_cell
+from sgslam.types import Motion, Registration, TrackedScan
+
+Floats = NDArray[np.float64]
+_SIDE = 0.1  # m between the points that are used of a scan that an external odometry registered
+
+
+def pose_at(motion: Motion, second: float) -> Floats:
+    """(4, 4) the pose at any time, beyond both ends by the motion there."""
+    if len(motion.knots) == 1:
+        return motion.knots[0].copy()
+    k = int(np.clip(np.searchsorted(motion.seconds, second, side="right") - 1, 0, len(motion.knots) - 2))
+    return np.asarray(moved_on(motion.knots[k], velocity_after(motion, k), second - motion.seconds[k]))
+
+
+def velocity_after(motion: Motion, knot: int) -> Floats:
+    """(6,) the velocity from a knot to the next one: rotation vector and translation, axes of `odom`, a second."""
+    seconds = motion.seconds[knot + 1] - motion.seconds[knot]
+    return np.asarray(velocity_between(motion.knots[knot], motion.knots[knot + 1], seconds))
+
+
+def points_and_rays(motion: Motion, points: Floats, seconds: Floats) -> tuple[Floats, Floats]:
+    """Points (N, 3), measured at `seconds` (N,), and the unit rays (N, 3) to them, in `odom`."""
+    return placed(points, seconds, motion.seconds, motion.knots)
+
+
+def deskewed(found: Registration, points: Floats) -> Floats:
+    """The points (N, 3) of a scan as the sensor would have measured them at its stamp."""
+    if found.point_times is None:
+        return points
+    steady = points if found.unsteady is None else steadied(found.unsteady, points, found.point_times)
+    return _at_stamp(found, steady, found.point_times)
+
+
+def few_points(found: Registration, points: Floats, settings: TrackingSettings) -> Floats:
+    """A few of the points (N, 3) of a scan, spread evenly in space, as `deskewed` does: those that were registered."""
+    if found.used is not None:
+        return _at_stamp(found, found.used.points, found.used.seconds)
+    own = one_a_cell(points, _SIDE, settings.min_range, settings.max_range)
+    times = None if found.point_times is None else found.point_times[own]
+    return deskewed(replace(found, point_times=times), points[own])
+
+
+def _at_stamp(found: Registration, steady: Floats, seconds: Floats) -> Floats:
+    return undistorted(steady, seconds, found.motion.seconds, found.motion.knots, found.T_odom_sensor)
+
+
+def motion_since_begin(scan: TrackedScan) -> Floats | None:
+    """(4, 4) T_begin_sensor, the motion since a scan's first point, where that is before the stamp."""
+    motion = scan.registration.motion
+    if motion.seconds[0] >= 0:
+        return None
+    return inverse(pose_at(motion, float(motion.seconds[0]))) @ scan.registration.T_odom_sensor

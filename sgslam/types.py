@@ -1,0 +1,120 @@
+"""The records of one scan on its way through the system, as they pass from room to room.
+
+`RawScan` (checked) -> `TimedPoints` (thinned) -> `Registration` (with its `Motion`) -> `TrackedScan` -> a keyframe.
+"""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Health = Literal["good", "degraded", "lost"]
+
+
+@dataclass(frozen=True, eq=False)
+class RawScan:
+    """An unprocessed scan: points (N, 3) in the sensor frame, with optional times (N,), in seconds after the stamp, and
+    T_odom_sensor (4, 4) of an external odometry, with the covariance (6, 6) of its motion since the scan before."""
+
+    stamp_ns: int
+    points: Floats
+    point_times: Floats | None
+    T_odom_sensor: Floats | None
+    step_covariance: Floats | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class TimedPoints:
+    """Points (N, 6) of a scan that are used, in the sensor frame, measured at `seconds` (N,).
+
+    Their first three columns are places, the others normals of the scan's surfaces there; zero where it shows none.
+
+    `knot_seconds` (K,) divide the scan into pieces of steady motion; one knot for a snapshot. `plane_of` (N,) are the
+    surfels of the local map that the points lie on, as far as known.
+    """
+
+    points: Floats
+    seconds: Floats
+    knot_seconds: Floats
+    plane_of: NDArray[np.int32]
+
+    def later(self, seconds: float) -> "TimedPoints":
+        """The same points, measured so many seconds later."""
+        return TimedPoints(self.points, self.seconds + seconds, self.knot_seconds + seconds, self.plane_of)
+
+    def reversed(self) -> "TimedPoints":
+        """The same points, as time runs backwards."""
+        return TimedPoints(self.points, -self.seconds, -self.knot_seconds[::-1], self.plane_of)
+
+
+@dataclass(frozen=True, eq=False)
+class UnsteadyTurn:
+    """Rotation `vectors` (S, 3) at `seconds` (S,), ascending: the attitude relative to that of a steady turn between
+    knots, in the sensor's axes."""
+
+    seconds: Floats
+    vectors: Floats
+
+    def later(self, seconds: float) -> "UnsteadyTurn":
+        """The same, so many seconds later."""
+        return UnsteadyTurn(self.seconds + seconds, self.vectors)
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Poses of the sensor in `odom`: `knots` (K, 4, 4) at `seconds` (K,), ascending; steady motion between them."""
+
+    seconds: Floats
+    knots: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """The result of registering a scan: `T_odom_sensor` (4, 4) at its stamp, and how good it is.
+
+    `covariance` (6, 6) is that of the pose relative to the local map, rotation (rad) first, then translation (m), in
+    the sensor's axes. `health` is "degraded" if only the motion prior constrains some directions, which are the unit
+    twists `unconstrained` (M, 6), rotation first, in the sensor's axes; it is "lost" if the scan does not fit the map,
+    and the pose is then a prediction. `share` is the share of the scan's points that are on known surfaces. `motion` is
+    the motion during the scan, by seconds after its stamp; `point_times` (N,) are the times that were used, None for a
+    snapshot. With an IMU, `unsteady` is what it measures of the turns within the scan, by the same seconds. A scan
+    `is_after_pause` if none came for long before it, and nothing else measured how the sensor moved. `used` are the
+    points that were registered, by the same seconds; None where an external odometry chose them.
+    """
+
+    T_odom_sensor: Floats
+    covariance: Floats
+    health: Health
+    share: float
+    motion: Motion
+    point_times: Floats | None = None
+    unconstrained: Floats = field(default_factory=lambda: np.empty((0, 6)))
+    unsteady: UnsteadyTurn | None = None
+    is_after_pause: bool = False
+    used: TimedPoints | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedScan:
+    """A scan with its pose `T_odom_sensor` (4, 4) at its stamp, in a level frame.
+
+    `registration` is in the odometry's frame; its covariance is that of the pose against the odometry's map. Where the
+    sensor was carried elsewhere, the first scan there `begins_elsewhere`: another level frame, and another map.
+    """
+
+    raw: RawScan
+    registration: Registration
+    T_odom_sensor: Floats
+    begins_elsewhere: bool = False
+
+    @property
+    def health(self) -> Health:
+        """How the scan fits the odometry's map."""
+        return self.registration.health
+
+    @property
+    def covariance(self) -> Floats:
+        """(6, 6), rotation first, in the sensor's axes."""
+        return self.registration.covariance
