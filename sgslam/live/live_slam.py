@@ -19,9 +19,9 @@ from sgslam.cli.processes.tracking_side import TrackingSide
 from sgslam.config import Config
 from sgslam.live.answer import Answer
 from sgslam.live.latencies import Latencies
-from sgslam.live.warm_up import warm_up
 from sgslam.run import default_options as run_options
 from sgslam.types import Health, TrackedScan
+from sgslam.warm_up import compile_ahead, warm_up
 
 Floats = NDArray[np.float64]
 MOST_WAITING = 600  # scans: a minute at 10 Hz; 20,000 points take 0.5 MB
@@ -59,6 +59,7 @@ class LiveSlam:
 
     def _begin(self, options: Namespace, config: Config, most_waiting: int) -> None:
         """`options` are those of `sgslam run`."""
+        compile_ahead().wait()
         options.single_pass = True
         scans = ScanInputs(None, config, PassedScans(options.out))
         self._T_odom_sensor: Floats = np.eye(4)
