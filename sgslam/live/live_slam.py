@@ -59,9 +59,9 @@ class LiveSlam:
 
     def _begin(self, options: Namespace, config: Config, most_waiting: int) -> None:
         """`options` are those of `sgslam run`."""
+        compile_ahead().wait()
         options.single_pass = True
         scans = ScanInputs(None, config, PassedScans(options.out))
-        compile_ahead().wait()
         self._T_odom_sensor: Floats = np.eye(4)
         self._health: Health | None = None
         self._latencies = Latencies()

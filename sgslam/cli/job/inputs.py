@@ -10,7 +10,6 @@ from data.plans import Bim, load_bim
 from data.scans import ScanSource
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
-from matching.matcher import make_ready
 from sgslam.anchoring import check_storey
 from sgslam.cli.job.arguments import Start, read_start
 from sgslam.cli.job.scan_inputs import ScanInputs
@@ -86,10 +85,8 @@ def read_job(options: argparse.Namespace, scan_inputs: ScanInputs) -> Job:
     if bim is not None:
         check_storey(bim.graph, options.storey)
     read, spent = perf_counter() - began, process_time() - cpu_began
-    if not scan_inputs.is_passed:
+    if not scan_inputs.is_passed:  # else the process that passes them has compiled
         compile_ahead().wait()  # not counted in the run's time
-    elif bim is not None or prior is not None:
-        make_ready(matcher)
     began, cpu_began = perf_counter() - read, process_time() - spent
     return Job(
         options, scan_inputs, start, MatcherWithStart(matcher, start), prior, truth, bim, began, cpu_began, seconds

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from data.common.errors import UserError
 from data.plans.bim import IFC_SUFFIXES
 from data.scans.scan import SkippedScan
+from matching.matcher import make_ready
 from sgslam.cli.job.arguments import out_folder
 from sgslam.cli.job.inputs import read_job
 from sgslam.cli.job.run import Run
@@ -39,6 +40,8 @@ class RunMap:
         self._run, self._matcher = Run(job, out_folder(inputs.options), tracks=False), job.matcher
         if job.bim is not None and job.bim.path is not None and job.bim.path.suffix.lower() in IFC_SUFFIXES:
             threading.Thread(target=_elements_ahead, args=(job.bim.path,), daemon=True).start()
+        if inputs.outlives and (job.bim is not None or job.prior_map is not None):  # live: matching is not to stall
+            make_ready(job.matcher)
         self._mapped, self._checkpoint_s = 0, 0.0
         self._anchors: tuple[HeldAnchor, ...] = ()
 
