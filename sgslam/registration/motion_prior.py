@@ -33,10 +33,9 @@ NO_STEPS = Steps(np.empty((0, 4, 4)), np.empty((0, 2)))  # without another syste
 @compiled
 def velocity_between(T_a: Floats, T_b: Floats, seconds: float) -> Floats:
     """(6,) the steady velocity from one pose to another."""
-    v = np.empty(6)
-    v[:3] = turn_between(T_a, T_b)
+    v, turn = np.empty(6), turn_between(T_a, T_b)
     for i in range(3):
-        v[i] /= seconds
+        v[i] = turn[i] / seconds
         v[3 + i] = (T_b[i, 3] - T_a[i, 3]) / seconds
     return v
 
@@ -48,7 +47,8 @@ def moved_on(T: Floats, velocity: Floats, seconds: float) -> Floats:
     turn = velocity[0] * seconds, velocity[1] * seconds, velocity[2] * seconds
     for j in range(3):
         result[0, j], result[1, j], result[2, j] = rotated_by(*turn, T[0, j], T[1, j], T[2, j])
-    result[:3, 3] += velocity[3:] * seconds
+    for i in range(3):  # an operation on slices takes seconds to compile
+        result[i, 3] += velocity[3 + i] * seconds
     return result
 
 
@@ -118,7 +118,7 @@ def add_steps(knots: Floats, steps: Steps, H: Floats, g: Floats) -> None:
     Farther off, a step's weight falls as that of an outlier (Geman-McClure): a system may slip or lose its way. How a
     step, a few centimetres long, turns with its first knot is left out.
     """
-    expected, off = np.empty((4, 4)), np.empty(6)
+    expected = np.empty((4, 4))
     for k in range(len(steps.information)):
         turn_weight, way_weight = steps.information[k]
         if turn_weight <= 0.0:
@@ -128,7 +128,7 @@ def add_steps(knots: Floats, steps: Steps, H: Floats, g: Floats) -> None:
                 expected[i, j] = 0.0
                 for c in range(4):
                     expected[i, j] += knots[k, i, c] * steps.poses[k, c, j]
-        off[:] = velocity_between(expected, knots[k + 1], 1.0)
+        off = velocity_between(expected, knots[k + 1], 1.0)
         size = turn_weight * (off[0] ** 2 + off[1] ** 2 + off[2] ** 2)
         size += way_weight * (off[3] ** 2 + off[4] ** 2 + off[5] ** 2)
         robust = (1 / (1 + size / _OUTLIER**2)) ** 2

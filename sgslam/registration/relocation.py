@@ -15,6 +15,7 @@ from sgslam.surfels.cells import SIDES, cell_of, key_of
 from sgslam.surfels.search import FOLLOWED, Surfels, is_met_in, nearest_plane
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 Guess = list[Floats]  # the poses (4, 4) of the knots that are not known yet
 
 _LOST_TURNS = (-60.0, -30.0, 30.0, 60.0, 90.0)  # degrees about each axis, while the sensor was lost
@@ -113,13 +114,20 @@ def _scores(poses: Floats, points: Floats, surfels: Surfels, oldest: float) -> F
     return scores
 
 
-@compiled
 def shares_seen_through(points: Floats, sensor: Floats, surfels: Surfels, oldest: float) -> tuple[float, float]:
     """Of the rays from a sensor (3,) to points (N, 3), in `odom`, the share that passes through surfaces of the map;
     and of the surfaces, the cells of the map, that they meet, the share that they pass through.
 
     Where a person stood whom the sensor now passes, a third of its rays pass through a single surface.
     """
+    through, ends = _seen_through(points, sensor, surfels, oldest)
+    cells = len(np.unique(through))
+    return len(through) / max(len(ends), 1), cells / max(cells + len(np.unique(ends)), 1)
+
+
+@compiled
+def _seen_through(points: Floats, sensor: Floats, surfels: Surfels, oldest: float) -> tuple[Ints, Ints]:
+    """The cell of the map that each ray passes through, of those that pass through one; and those of all ends."""
     rays, passed, (x, y, z) = 0, 0, (sensor[0], sensor[1], sensor[2])
     step = 0.3 * SIDES[FOLLOWED]  # along a ray, from one cell that is looked at to the next
     ends, through = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
@@ -137,6 +145,4 @@ def shares_seen_through(points: Floats, sensor: Floats, surfels: Surfels, oldest
                 passed += 1
                 break
             at += step
-    seen_through = len(np.unique(through[:passed]))
-    met = seen_through + len(np.unique(ends[:rays]))
-    return passed / max(rays, 1), seen_through / max(met, 1)
+    return through[:passed], ends[:rays]

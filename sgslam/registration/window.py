@@ -243,7 +243,9 @@ def _solve(
             F += own_F[s]
         project_out_feigned(H, g, F, weights.feigned)
         add_steps(knots, window.steps, H, g)
-        measured[:, :] = H
+        for i in range(len(H)):
+            for j in range(len(H)):
+                measured[i, j] = H[i, j]
         _add_priors(window, knots, H, g)
         step = solved(H, g)
         update_knots(knots, step)

@@ -58,4 +58,6 @@ def rehash(table: Ints, larger: Ints) -> None:
     """Copies all blocks to a larger table."""
     for i in range(len(table)):
         if table[i, 0] != 0:
-            larger[place_of(table[i, 0], larger)] = table[i]
+            place = place_of(table[i, 0], larger)
+            for k in range(table.shape[1]):
+                larger[place, k] = table[i, k]
