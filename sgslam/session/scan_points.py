@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import Any, BinaryIO, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sgslam.config import TrackingSettings
 from sgslam.registration.points import UNKNOWN
 from sgslam.registration.sampling import thinned
 from sgslam.types import TimedPoints, TrackedScan
 
+Floats = NDArray[np.float64]
 FILE = "scan_points.bin"  # in a run's folder, until it has finished
 _log = logging.getLogger(__name__)
 
@@ -59,9 +61,11 @@ class ScanPoints:
         self._end += len(record)
 
     def _opened(self) -> BinaryIO:
-        if self._file is None and self._path is None:
+        if self._file is not None:
+            return self._file
+        if self._path is None:
             self._file = cast(BinaryIO, tempfile.TemporaryFile(buffering=0))  # noqa: SIM115
-        elif self._file is None:
+        else:
             self._file = cast(BinaryIO, os.fdopen(os.open(self._path, os.O_RDWR | os.O_CREAT, 0o644), "r+b", 0))
             os.ftruncate(self._file.fileno(), self._end)  # drops what an earlier run left beyond
         return self._file
@@ -75,7 +79,8 @@ class ScanPoints:
             place += times.nbytes
             own = np.frombuffer(mapped, np.float32, 6 * points, place).reshape(points, 6)
             place += own.nbytes
-            found.append(TimedPoints(own, times[:points], times[points:], np.full(points, UNKNOWN, np.int32)))
+            unknown = np.full(points, UNKNOWN, np.int32)
+            found.append(TimedPoints(cast(Floats, own), times[:points], times[points:], unknown))
         return found
 
     def drop(self) -> None:

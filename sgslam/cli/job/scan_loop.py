@@ -104,9 +104,10 @@ def run_scans(
                 _add_imu(slam, imu, scan.stamp_ns)
                 T_odom_sensor = scan.T_odom_sensor if odometry is None else odometry.at(scan.stamp_ns)
                 step = scan.step_covariance if odometry is None else None
-                update = slam.add_scan(scan.stamp_ns, scan.points, scan.point_times, T_odom_sensor, step)
-                for watcher in on_scan:
-                    watcher(slam, update, scan.points)
+                taken = slam.add_scan(scan.stamp_ns, scan.points, scan.point_times, T_odom_sensor, step)
+                if isinstance(slam, SceneGraphSlam) and isinstance(taken, Update):
+                    for watcher in on_scan:
+                        watcher(slam, taken, scan.points)
                 progress.index, progress.fed = scan.index, progress.fed + 1
                 bar.update(task, completed=scan.index + 1)
                 began = perf_counter()

@@ -31,7 +31,7 @@ def run_in_two_processes(options: argparse.Namespace, mapping: MappingProcess) -
         side = TrackingSide(inputs.config, mapping)
         gc.freeze()  # what is loaded stays: the garbage collector need not scan it
         progress = Progress() if inputs.resumed_from is None else Progress(**load(options.out, side))
-        checkpoints = SentCheckpoints(options.out, {})
+        checkpoints = SentCheckpoints(options.out, mapping)
         scans = inputs.scans
         stopped = run_scans(side, scans, progress, checkpoints, inputs.external_odometry, (), inputs.imu)
     except BaseException:

@@ -2,6 +2,7 @@
 
 import logging
 from contextlib import suppress
+from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
 
@@ -12,6 +13,7 @@ from data.common.errors import UserError
 from sgslam.cli.processes.mapping_process import MappingProcess
 from sgslam.config import Config
 from sgslam.session import Checkpoints
+from sgslam.session.checkpoints import Resumable
 from sgslam.tracking import RunTracker, TrackingStep
 
 Floats = NDArray[np.float64]
@@ -59,6 +61,15 @@ class TrackingSide:
         """The stamp of the newest IMU sample; None before the first."""
         return self.tracking.imu.newest_ns
 
+    @property
+    def keyframes(self) -> int:
+        """The number of keyframes so far, as far as known here."""
+        return self.mapping.state.keyframes
+
+    def state(self) -> dict[str, Any]:
+        """The state of the tracker; not a copy."""
+        return self.tracking.state()
+
     def restore(self, state: dict[str, Any]) -> None:
         """Restores the tracker's part of a run's state."""
         self.tracking.restore(state["tracking"])
@@ -83,10 +94,16 @@ class TrackingSide:
 class SentCheckpoints(Checkpoints):
     """Has the process that maps write the checkpoints, with the state of the tracker."""
 
-    def write(self, slam: TrackingSide, progress: dict[str, Any]) -> bool:  # type: ignore[override]
-        """Sends the state of the tracker after the steps so far."""
+    def __init__(self, folder: Path, mapping: MappingProcess) -> None:
+        super().__init__(folder, {})
+        self._mapping = mapping
+
+    def write(
+        self, slam: Resumable, progress: dict[str, Any], finished: bool = False, tracking: dict[str, Any] | None = None
+    ) -> bool:  # fmt: skip
+        """Sends the state of a `TrackingSide` after the steps so far."""
         began = perf_counter()
-        slam.mapping.put("save", tracking=slam.tracking.state(), progress=progress)
+        self._mapping.put("save", tracking=slam.state(), progress=progress)
         self._written = perf_counter()
-        self._took = max(self._written - began, slam.mapping.state.checkpoint_s)
+        self._took = max(self._written - began, self._mapping.state.checkpoint_s)
         return True
