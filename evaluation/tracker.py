@@ -11,7 +11,7 @@ from data.scans import Scan
 from data.trajectory import Trajectory
 from sgslam.config import Config
 from sgslam.geometry.frames import level_at
-from sgslam.tracking.run_tracker import CarriedElsewhere, RunTracker, TrackingStep
+from sgslam.tracking import RunTracker
 from sgslam.types import TrackedScan
 
 AddImu = Callable[[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]], None]
@@ -36,19 +36,17 @@ class Tracked:
 def tracked(scans: Iterable[Scan], samples: ImuSamples | None = None) -> Tracked:
     """Tracks all scans, with their points' times where they have them, and with the samples of an IMU where given."""
     tracker = RunTracker(Config())
-    given = scans if samples is None else with_samples(scans, samples, tracker.add_imu)
+    given = scans if samples is None else with_samples(scans, samples, tracker.motion.add_imu)
     found, T_odom_part, kidnaps = dict[int, TrackedScan](), np.eye(4), 0
-    for step in _steps(tracker, given):
-        if isinstance(step, CarriedElsewhere):
+    for scan in _given_out(tracker, given):
+        if scan.begins_elsewhere:
             kidnaps += 1
-            before = [stamp for stamp in found if stamp < step.since_ns]
-            T_odom_part = level_at(found[max(before)].T_odom_sensor) if before else np.eye(4)
-        else:
-            found[step.raw.stamp_ns] = replace(step, T_odom_sensor=T_odom_part @ step.T_odom_sensor)
+            T_odom_part = level_at(found[max(found)].T_odom_sensor) if found else np.eye(4)
+        found[scan.raw.stamp_ns] = replace(scan, T_odom_sensor=T_odom_part @ scan.T_odom_sensor)
     return Tracked([found[stamp] for stamp in sorted(found)], kidnaps)
 
 
-def _steps(tracker: RunTracker, scans: Iterable[Scan]) -> Iterator[TrackingStep]:
+def _given_out(tracker: RunTracker, scans: Iterable[Scan]) -> Iterator[TrackedScan]:
     for scan in scans:
         yield from tracker.track(scan.stamp_ns, scan.points, scan.point_times)
     yield from tracker.release()

@@ -25,7 +25,7 @@ from sgslam.session.scan_poses import at_stamps
 from sgslam.session.second_pass import pass_again
 from sgslam.session.snapshot import take_snapshot
 from sgslam.session.soundness.scan_uncertainty import live_sigma
-from sgslam.tracking import CarriedElsewhere, RunTracker, TrackerNotes, TrackingStep
+from sgslam.tracking import RunTracker, TrackerNotes
 from sgslam.types import Health, TrackedScan
 
 Floats = NDArray[np.float64]
@@ -58,7 +58,7 @@ class SceneGraphSlam:
         self._tracking = RunTracker(config, odometry)
         self._session = Session(config, a_graph, matcher, prior, storey)
         self._map = self._session.begin(clouds, self._stopwatch)
-        self._steps: list[TrackingStep] = []  # that are not in the map yet
+        self._tracked: list[TrackedScan] = []  # scans that are not in the map yet
         self._elsewhere: TrackerNotes | None = None  # of a tracker elsewhere
 
     def add_scan(
@@ -86,16 +86,16 @@ class SceneGraphSlam:
         map, the sensor was carried elsewhere: a new map begins, until it is relocalised in the old map or in the
         building.
         """
-        with self._stopwatch("odometry"):  # no step until gravity is known
-            self._steps += self._tracking.track(stamp_ns, points, point_times, T_odom_sensor, step_covariance)
-        self._take_steps()
+        with self._stopwatch("odometry"):  # no scan until gravity is known
+            self._tracked += self._tracking.track(stamp_ns, points, point_times, T_odom_sensor, step_covariance)
+        self._take_all()
         return self._update(int(stamp_ns))
 
-    def add_tracked(self, step: TrackingStep, notes: TrackerNotes) -> None:
-        """Adds a scan that a `RunTracker` elsewhere has tracked, instead of `add_scan`: all of a run's steps, in their
+    def add_tracked(self, scan: TrackedScan, notes: TrackerNotes) -> None:
+        """Adds a scan that a `RunTracker` elsewhere has tracked, instead of `add_scan`: all of a run's scans, in their
         order, give the same map. `notes` are the tracker's now."""
         self._elsewhere = notes
-        self._take(step)
+        self._add(scan)
 
     def add_imu(self, stamp_ns: int | NDArray[np.int64], gyro: Floats, accel: Floats) -> None:
         """Adds an IMU sample, by the scans' clock: angular velocity (3,) in rad/s and specific force (3,) in m/s2 or g,
@@ -106,54 +106,48 @@ class SceneGraphSlam:
         begin with the scans to show the vertical. Raises UserError for stamps that do not increase and values that are
         not finite; the run continues without these samples.
         """
-        self._tracking.add_imu(stamp_ns, gyro, accel)
+        self._tracking.motion.add_imu(stamp_ns, gyro, accel)
 
     @property
     def newest_imu_ns(self) -> int | None:
         """The stamp of the newest IMU sample; None before the first."""
-        return self._tracking.imu.newest_ns
+        return self._tracking.motion.imu.newest_ns
 
-    def _take_steps(self) -> None:
-        """Takes all steps; where one fails, by a matcher for instance, the others are taken with the next scan."""
-        while self._steps:
-            self._take(self._steps.pop(0))
-
-    def _take(self, step: TrackingStep) -> None:
-        """Adds a tracked scan to the map, or begins a new map where the sensor was carried elsewhere."""
-        if isinstance(step, CarriedElsewhere):
-            told = "the sensor was carried elsewhere, or was lost; a new map begins"
-            _log.warning("scan at %.2f s: %s", step.since_ns / 1e9, told)
-            self._map = self._session.split(self._map)
-        else:
-            self._add(step)
+    def _take_all(self) -> None:
+        """Adds all tracked scans; where one fails, by a matcher for instance, the others are added with the next."""
+        while self._tracked:
+            self._add(self._tracked.pop(0))
 
     def _add(self, scan: TrackedScan) -> None:
         """Adds a tracked scan to the map."""
+        if scan.begins_elsewhere:
+            why = "the sensor was carried elsewhere, or was lost; a new map begins"
+            _log.warning("scan at %.2f s: %s", scan.raw.stamp_ns / 1e9, why)
+            self._map = self._session.split(self._map)
         current = self._map
-        if current.add_scan(scan):
-            current.add_keyframe(
-                deskewed(scan.registration, scan.raw.points)
-            )  # with the walls and floor extracted from it
-            if current.has_grown:
-                current.update()  # matches and anchors, optimises, closes loops, segments rooms
+        if not current.add_scan(scan):  # no keyframe is due
+            return
+        # walls and levels are extracted from all points of a keyframe
+        current.add_keyframe(deskewed(scan.registration, scan.raw.points))
+        if current.has_grown:
+            current.update()  # matches and anchors, optimises, closes loops, segments rooms
 
     def _update(self, stamp_ns: int) -> Update:
-        waiting, T_bim_map = self._tracking.waiting, self.T_bim_map
-        health: Health | None = None
+        keyframes, T_bim_map = len(self._map.backend.keyframes), self.T_bim_map
+        if (waiting := self._tracking.waiting) is not None:  # in a frame that no map is in yet
+            return Update(stamp_ns, waiting, keyframes, False, None, None)
+        health: Health = "lost"
         if (held := self._tracking.held) is not None:
-            T_map_sensor, health = self._map.T_map_odom @ held.T_odom_sensor, "lost"
-        elif waiting is None:
-            T_map_sensor, health = self._map.scans[-1].T_map_sensor, self._map.scans[-1].health
+            T_map_sensor = self._map.T_map_odom @ held.T_odom_sensor
         else:
-            T_map_sensor = waiting
+            T_map_sensor, health = self._map.scans[-1].T_map_sensor, self._map.scans[-1].health
         T_bim_sensor = None if T_bim_map is None else T_bim_map @ T_map_sensor
-        keyframes = len(self._map.backend.keyframes)
         return Update(stamp_ns, T_map_sensor, keyframes, self.anchored, T_bim_sensor, health)
 
     def _release(self) -> None:
         """Adds all scans that wait."""
-        self._steps += self._tracking.release()
-        self._take_steps()
+        self._tracked += self._tracking.release()
+        self._take_all()
 
     def finish(self, second_pass: bool = False) -> Result:
         """Matches and optimises a last time, and returns the result. Raises UserError if no scan was added.

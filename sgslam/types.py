@@ -100,15 +100,14 @@ class Registration:
 class TrackedScan:
     """A scan with its pose `T_odom_sensor` (4, 4) at its stamp, in a level frame.
 
-    `registration` is in the odometry's frame; its covariance is that of the pose against the odometry's map. The scan
-    is `unconfirmed` in the first seconds after the sensor was lost for longer: it may be in a place that looks alike.
-    After a pause in the scans the sensor counts as lost for as long.
+    `registration` is in the odometry's frame; its covariance is that of the pose against the odometry's map. Where the
+    sensor was carried elsewhere, the first scan there `begins_elsewhere`: another level frame, and another map.
     """
 
     raw: RawScan
     registration: Registration
     T_odom_sensor: Floats
-    unconfirmed: bool = False
+    begins_elsewhere: bool = False
 
     @property
     def health(self) -> Health:
@@ -119,8 +118,3 @@ class TrackedScan:
     def covariance(self) -> Floats:
         """(6, 6), rotation first, in the sensor's axes."""
         return self.registration.covariance
-
-    @property
-    def waits(self) -> bool:
-        """Whether the scan is not to join the map yet."""
-        return self.unconfirmed or self.health == "lost"

@@ -1,4 +1,4 @@
-"""Small symmetric linear systems in compiled functions, where linking LAPACK would take seconds to compile."""
+"""Small symmetric linear systems in compiled functions."""
 
 import math
 
@@ -11,22 +11,9 @@ Floats = NDArray[np.float64]
 
 
 @compiled
-def cholesky(H: Floats) -> Floats:
-    """The lower triangle L (n, n) of a positive definite H (n, n) = L L^T."""
-    L = np.zeros_like(H)
-    for i in range(len(H)):
-        for j in range(i + 1):
-            rest = H[i, j]
-            for k in range(j):
-                rest -= L[i, k] * L[j, k]
-            L[i, j] = math.sqrt(rest) if i == j else rest / L[j, j]
-    return L
-
-
-@compiled
 def solved(H: Floats, g: Floats) -> Floats:
     """x (n,) with H x = g for a positive definite H (n, n), by Cholesky factorisation."""
-    L, x = cholesky(H), g.copy()
+    L, x = np.linalg.cholesky(H), g.copy()
     for i in range(len(g)):
         for k in range(i):
             x[i] -= L[i, k] * x[k]
@@ -45,51 +32,6 @@ def add_row(H: Floats, g: Floats, J: Floats, off: float, weight: float) -> None:
         g[a] += weight * off * J[a]
         for b in range(len(J)):
             H[a, b] += weight * J[a] * J[b]
-
-
-@compiled
-def eigen(matrix: Floats) -> tuple[Floats, Floats]:
-    """Eigenvalues (n,), ascending, and eigenvectors (n, n), in columns, of a symmetric matrix (n, n), by Jacobi
-    rotations."""
-    n = len(matrix)
-    A, V = matrix.copy(), np.eye(n)
-    for _ in range(20):
-        off, own = 0.0, 0.0
-        for p in range(n):
-            own += A[p, p] ** 2
-            for q in range(p + 1, n):
-                off += A[p, q] ** 2
-        if off <= 1e-24 * own:
-            break
-        for p in range(n - 1):
-            for q in range(p + 1, n):
-                if A[p, q] == 0.0:
-                    continue
-                theta = (A[q, q] - A[p, p]) / (2 * A[p, q])
-                t = math.copysign(1.0, theta) / (abs(theta) + math.sqrt(theta * theta + 1))
-                c = 1 / math.sqrt(t * t + 1)
-                s = t * c
-                for k in range(n):
-                    kp, kq = A[k, p], A[k, q]
-                    A[k, p], A[k, q] = c * kp - s * kq, s * kp + c * kq
-                for k in range(n):
-                    pk, qk = A[p, k], A[q, k]
-                    A[p, k], A[q, k] = c * pk - s * qk, s * pk + c * qk
-                for k in range(n):
-                    kp, kq = V[k, p], V[k, q]
-                    V[k, p], V[k, q] = c * kp - s * kq, s * kp + c * kq
-    values = np.empty(n)
-    for p in range(n):
-        values[p] = A[p, p]
-    for p in range(n - 1):  # sorted by exchanges: numpy's sort takes as long as all of the above
-        least = p
-        for q in range(p + 1, n):
-            if values[q] < values[least]:
-                least = q
-        values[p], values[least] = values[least], values[p]
-        for k in range(n):
-            V[k, p], V[k, least] = V[k, least], V[k, p]
-    return values, V
 
 
 @compiled

@@ -121,7 +121,7 @@ class MeasuredMotion(Stateful):
         `up` (3,) is the direction of gravity, zero while it is unknown: then nothing is known.
         """
         count = len(seconds) - 1
-        if not up.any() or count < 1:
+        if not up.any() or count < 1 or self._imu.newest_ns is None:
             return no_changes(count)
         R = np.ascontiguousarray(knots[:, :3, :3])
         if not before:
@@ -177,6 +177,8 @@ class MeasuredMotion(Stateful):
 
     def _samples(self, begin: float, end: float) -> tuple[Floats, ImuSamples] | None:
         """The samples between two times, as they passed, with their seconds (N,); None where some are missing."""
+        if self._imu.newest_ns is None:
+            return None
         found = self._imu.around(*(self._first_ns + round(second * 1e9) for second in (begin, end)))
         return None if found is None else ((found.stamps_ns - self._first_ns) / 1e9, found)
 

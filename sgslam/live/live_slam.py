@@ -19,10 +19,9 @@ from sgslam.cli.processes.tracking_side import TrackingSide
 from sgslam.config import Config
 from sgslam.live.answer import Answer
 from sgslam.live.latencies import Latencies
-from sgslam.live.warm_up import warm_up
 from sgslam.run import default_options as run_options
-from sgslam.tracking import CarriedElsewhere, TrackingStep
 from sgslam.types import Health, TrackedScan
+from sgslam.warm_up import compile_ahead, warm_up
 
 Floats = NDArray[np.float64]
 MOST_WAITING = 600  # scans: a minute at 10 Hz; 20,000 points take 0.5 MB
@@ -60,9 +59,9 @@ class LiveSlam:
 
     def _begin(self, options: Namespace, config: Config, most_waiting: int) -> None:
         """`options` are those of `sgslam run`."""
+        compile_ahead().wait()
         options.single_pass = True
         scans = ScanInputs(None, config, PassedScans(options.out))
-        self._part = 0
         self._T_odom_sensor: Floats = np.eye(4)
         self._health: Health | None = None
         self._latencies = Latencies()
@@ -86,9 +85,7 @@ class LiveSlam:
         ended.
         """
         began = perf_counter()
-        steps = self._side.add_scan(stamp_ns, points, point_times)
-        self._part += sum(isinstance(step, CarriedElsewhere) for step in steps)
-        self._T_odom_sensor, self._health = self._newest(steps)
+        self._T_odom_sensor, self._health = self._newest(self._side.add_scan(stamp_ns, points, point_times))
         answer = self._answer(int(stamp_ns), self._map.state, perf_counter() - began)
         self._latencies.add(answer.seconds, answer.waiting)
         return answer
@@ -133,21 +130,19 @@ class LiveSlam:
         """The number of scans that are tracked and wait for the map."""
         return self._map.waiting
 
-    def _newest(self, steps: list[TrackingStep]) -> tuple[Floats, Health | None]:
+    def _newest(self, scans: list[TrackedScan]) -> tuple[Floats, Health | None]:
         """(4, 4) T_odom_sensor of the newest scan and its health, None while it waits."""
         waiting = self._side.tracking.waiting
         if waiting is not None:
             return waiting, None
         if (held := self._side.tracking.held) is not None:
             return held.T_odom_sensor, "lost"
-        newest = steps[-1]
-        assert isinstance(newest, TrackedScan)  # a scan that does not wait is tracked
-        return newest.T_odom_sensor, newest.health
+        return scans[-1].T_odom_sensor, scans[-1].health
 
     def _answer(self, stamp_ns: int, known: MapState, seconds: float) -> Answer:
-        is_this = known.part == self._part  # else the map is that of the frame `odom` before
+        is_this = known.part == self._side.tracking.part  # else the map is that of the frame `odom` before
         return Answer(
             stamp_ns, self._T_odom_sensor, known.T_map_odom if is_this else np.eye(4),
             known.T_bim_map if is_this else None, self._health, (known.anchors or ()) if is_this else (),
-            known.map_stamp_ns, self._part, known.keyframes, self._map.waiting, seconds,
+            known.map_stamp_ns, self._side.tracking.part, known.keyframes, self._map.waiting, seconds,
         )  # fmt: skip

@@ -17,7 +17,7 @@ from sgslam.live.answer import Answer
 from sgslam.live.commands import PoseLines
 from sgslam.live.latencies import Latencies
 from sgslam.live.live_slam import LiveSlam
-from sgslam.perception.first_scans import in_metres_and_sensor_frame
+from sgslam.perception.scan_checks import in_metres_and_sensor_frame
 
 _AHEAD = 8  # scans read ahead where they come faster than they are tracked
 _LOOK = 0.1  # s between two looks whether the end was asked for

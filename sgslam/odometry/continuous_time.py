@@ -3,49 +3,49 @@
 Sources: CT-ICP (Dellenbach et al., ICRA 2022), Traj-LO (Zheng and Zhu, RA-L 2024), VoxelMap (Yuan et al., RA-L 2022).
 """
 
-from dataclasses import dataclass, field, replace
-from typing import Any
+import logging
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.config import TrackingSettings
+from sgslam.config import ImuSettings, TrackingSettings
 from sgslam.geometry.frames import inverse, transform_points
-from sgslam.inertial import NO_TURNS, Changes, MeasuredMotion, no_changes
+from sgslam.inertial import Changes, ImuBuffer, MeasuredMotion
 from sgslam.odometry.base import State
 from sgslam.odometry.given_motion import GivenMotion
-from sgslam.registration.attempts import best_attempt
+from sgslam.odometry.prediction import Course, predicted
 from sgslam.registration.beliefs import Belief, MotionModel
-from sgslam.registration.free_space import shares_seen_through
-from sgslam.registration.health import judged
+from sgslam.registration.health import fits, judged, sees_through
 from sgslam.registration.motion import points_and_rays, pose_at, velocity_after
-from sgslam.registration.motion_prior import NO_STEPS, moved_on
+from sgslam.registration.motion_prior import moved_on
 from sgslam.registration.points import UNKNOWN, Weights
-from sgslam.registration.relocation import likely_poses
+from sgslam.registration.relocation import Guess, best_attempt, likely_poses
 from sgslam.registration.sampling import steadied_points, thinned
-from sgslam.registration.window import Solved, Window, solve, window_knots
+from sgslam.registration.window import Solved, Window, solve
 from sgslam.surfels import SurfelMap
 from sgslam.types import Health, Motion, Registration, TimedPoints
 
 Floats = NDArray[np.float64]
 _BLIND = 50  # points: fewer do not tell where a scan was taken; the sensor is covered
-_MOST_RAYS = 0.5  # share that no person who went away leaves free, since he stood on one side of the sensor
 _TRIED = 8  # of the likely poses of a lost sensor
 _UNSURE = 3.0  # s, at the beginning, in which a map of a few scans may mislead
 _KNOWN = 0.5  # s, after it, whose scans are the map for the first ones
 _PAUSE = 3.0  # times the usual time between scans: what is shorter is no pause
 _ROUNDS = 3  # in which the first scan is put right by the motion to the second
+_NONE = np.empty((0, 6))
+_log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, eq=False)
-class _Found:
+class _Found(NamedTuple):
     """The fields of a `Registration`, with the knots (K, 4, 4) of the scan."""
 
     knots: Floats
     covariance: Floats
     health: Health
     share: float
-    unconstrained: Floats = field(default_factory=lambda: np.empty((0, 6)))
+    unconstrained: Floats = _NONE
 
 
 class ContinuousTimeOdometry:
@@ -55,163 +55,139 @@ class ContinuousTimeOdometry:
     and so does another system by the motion `given`, which carries a lost sensor on.
     """
 
-    _STATE = (
-        "_side", "_first_ns", "_scans", "_lost", "_way", "_usual", "_height", "_older", "_older_knots", "_beliefs",
-        "residual", "_up", "_early", "_lost_at", "_held_at", "_interval",
-    )  # fmt: skip
-
     def __init__(
         self, settings: TrackingSettings, imu: MeasuredMotion | None = None, given: GivenMotion | None = None
     ) -> None:
-        self._imu, self._given = imu, given
-        self._settings, self._model, self._weights = settings, MotionModel(settings), Weights.of(settings)
-        self._map, self._side = SurfelMap(), 0.0
-        self._first_ns: int | None = None
-        self._scans, self._lost, self._lost_at = 0, False, -np.inf  # the latter: seconds, of the last lost scan
-        self._held_at = -np.inf  # s, of the last scan that was good or degraded
-        self._up: Floats | None = None  # in `odom`, once it is known
-        self._way, self._usual = 0.0, 0.0  # m; share of a scan's points on known surfaces
-        self._height = 0.0  # m, the usual one along `up`
-        self._older: TimedPoints | None = None  # the newest scan, if it is not in the map yet
-        self._older_knots = np.empty((0, 4, 4))  # its knots
-        self._beliefs: list[Belief] = []  # of the ends of the last two scans, each as its own window left it
+        self._settings, self._given = settings, given
+        self._imu = imu or MeasuredMotion(ImuBuffer(ImuSettings()))  # one that never measures anything
+        self._model, self._map, self._course = MotionModel(settings), SurfelMap(), Course()
         self._early: list[TimedPoints] | None = []  # all scans so far, while the first ones may be looked back at
-        self._interval = np.inf  # s, the usual time from scan to scan: the shortest so far
-        self.residual = np.inf  # m, the median distance of the newest scans' points from their surfaces
 
     @property
     def surfels(self) -> tuple[Floats, Floats, Floats]:
         """Means (N, 3) and normals (N, 3) in `odom`, and numbers of points (N,) of all surfaces in the local map."""
         return self._map.surfels()
 
+    @property
+    def residual(self) -> float:
+        """The median distance (m) of the newest scan's points from their surfaces."""
+        return self._course.residual
+
     def level(self, up_in_odom: Floats) -> None:
         """Sets the direction of gravity (3,) in `odom`, once it is known."""
-        if self._beliefs:  # the sensor is as far from its usual height as before
-            self._height += float((up_in_odom - self._model.up) @ self._beliefs[-1].T[:3, 3])
-        self._up = up_in_odom
+        if self._course.beliefs:  # the sensor is as far from its usual height as before
+            risen = float((up_in_odom - self._model.up) @ self._course.beliefs[-1].T[:3, 3])
+            self._go_on(height=self._course.height + risen)
         self._model.level(up_in_odom)
 
     def register(self, stamp_ns: int, points: Floats, point_times: Floats | None = None) -> Registration:
         """Registers the points (N, 3), N >= 0, of one scan in the sensor frame, measured `point_times` (N,) seconds
         after its stamp (None if unknown)."""
-        if self._first_ns is None:
-            self._first_ns = stamp_ns
-            if self._imu is not None:
-                self._imu.begin(stamp_ns)
+        if self._course.first_ns is None:
+            self._go_on(first_ns=stamp_ns)
+            self._imu.begin(stamp_ns)
         began = (stamp_ns - self._first_ns) / 1e9
-        scan, side = thinned(points, point_times, began, self._side, self._settings)
-        unsteady = None if self._imu is None else self._imu.unsteady(scan.knot_seconds)
+        # a few points, spread evenly, as a sensor that turns steadily between the knots would have measured them
+        scan, side = thinned(points, point_times, began, self._course.side, self._settings)
+        unsteady = self._imu.unsteady(scan.knot_seconds)
         scan = scan if unsteady is None else steadied_points(scan, unsteady)
-        if is_after_pause := self._scans > 1 and self._is_after_pause(scan):
-            self._lost, self._lost_at = True, self._beliefs[-1].seconds  # as if it had been covered for as long
-        found = self._lose(scan, 0.0) if len(scan.points) < _BLIND else self._found(scan, side)
+        # after a pause, it is as if the sensor had been covered for as long
+        if is_after_pause := self._course.scans > 1 and self._is_after_pause(scan):
+            self._go_on(lost=True, lost_at=self._course.beliefs[-1].seconds)
+        # its pose and that of the scan before, which then joins the map
+        if len(scan.points) < _BLIND:
+            found = self._lose(scan, 0.0)
+        else:
+            self._go_on(scans=self._course.scans + 1, side=side)
+            found = self._located(scan)
         if self._early is not None:
-            self._early.append(scan)
-            if began > 2 * self._settings.gravity_until:
-                self._early = None
+            self._early = [*self._early, scan] if began <= 2 * self._settings.gravity_until else None
+        # all by seconds after the stamp
         motion = Motion(scan.knot_seconds - began, found.knots)
         return Registration(
             pose_at(motion, 0.0), found.covariance, found.health, found.share, motion, point_times, found.unconstrained,
             None if unsteady is None else unsteady.later(-began), is_after_pause, scan.later(-began),
         )  # fmt: skip
 
-    def _found(self, scan: TimedPoints, side: float) -> _Found:
-        """A scan that sees something; `side` as in `thinned`."""
-        self._side = side
-        self._scans += 1
-        if self._scans == 1:
-            return self._begin(scan)
-        return self._second(scan) if self._scans == 2 and self._older is not None else self._next(scan)
+    def _go_on(self, **changes: Any) -> None:
+        self._course = replace(self._course, **changes)
 
-    def _begin(self, scan: TimedPoints) -> _Found:
-        """The first scan: its pose is the frame `odom`."""
-        still = np.tile(np.eye(4), (len(scan.knot_seconds), 1, 1))
-        self._older, self._older_knots = scan, self._turned(scan.knot_seconds, still)
-        self._beliefs = [self._model.begin(float(scan.knot_seconds[-1]))]
-        self._add(scan, self._older_knots)
-        return _Found(self._older_knots, np.eye(6) * 1e-8, "good", 1.0)
+    @property
+    def _first_ns(self) -> int:
+        assert self._course.first_ns is not None
+        return self._course.first_ns
 
-    def _second(self, scan: TimedPoints) -> _Found:
+    @property
+    def _oldest(self) -> float:
+        """The way (m) at which a surface was last seen that is still in the map."""
+        return self._course.way - self._settings.local_map
+
+    def _located(self, scan: TimedPoints) -> _Found:
+        """A scan that sees something: the first one, the second one, or the newest with the one before, unless that is
+        in the map already."""
+        course = self._course
+        if course.scans == 1:
+            knots = self._imu.turned(scan.knot_seconds, np.tile(np.eye(4), (len(scan.knot_seconds), 1, 1)))
+            first = self._model.begin(float(scan.knot_seconds[-1]), knots[-1])
+            self._add(scan, knots)
+            self._go_on(older=scan, older_knots=knots, beliefs=[first])
+            return _Found(knots, first.covariance, "good", 1.0)
+        if course.scans == 2 and course.older is not None:
+            self._go_on(older=None)  # it is in the map
+            return self._judged(scan, *self._second(course.older, scan))
+        return self._judged(scan, *self._solved([scan] if course.older is None else [course.older, scan]))
+
+    def _second(self, first: TimedPoints, scan: TimedPoints) -> tuple[Solved, list[int]]:
         """The second scan; the first is put right by the motion between them, and again by that of the result."""
-        assert self._older is not None
-        first, self._older = self._older, None  # it is in the map
-        solved, firsts = self._solved(self._beliefs[-1], [scan])
-        velocity = np.zeros(6)
+        solved, firsts = self._solved([scan])
+        velocity, begins = np.zeros(6), first.knot_seconds[0]
         for _ in range(_ROUNDS if len(first.knot_seconds) > 1 else 0):
             # where the first scan was given too little motion, the second shows as much too much
             velocity = (velocity + velocity_after(Motion(solved.seconds, solved.knots), 0)) / 2
-            steady = self._model.steady(np.eye(4), velocity, first.knot_seconds)
-            knots = self._turned(first.knot_seconds, steady)
-            self._beliefs = [self._model.known(float(first.knot_seconds[-1]), knots[-1])]
+            steady = np.stack([moved_on(np.eye(4), velocity, second - begins) for second in first.knot_seconds])
+            knots = self._imu.turned(first.knot_seconds, steady)
+            self._go_on(beliefs=[self._model.begin(float(first.knot_seconds[-1]), knots[-1])])
             self._map.clear()
             self._add(first, knots)
-            solved, firsts = self._solved(self._beliefs[-1], [scan])
-        return self._judged(scan, solved, firsts)
-
-    def _next(self, scan: TimedPoints) -> _Found:
-        """The newest scan, together with the one before unless that is in the map already."""
-        if self._older is None:
-            solved, firsts = self._solved(self._beliefs[-1], [scan])
-        else:
-            solved, firsts = self._solved(self._beliefs[-2], [self._older, scan])
-        return self._judged(scan, solved, firsts)
+            solved, firsts = self._solved([scan])
+        return solved, firsts
 
     def _is_after_pause(self, scan: TimedPoints) -> bool:
         """Whether no scan came for long before this one, and nothing else measured how the sensor moved."""
-        last, begins, ends = self._beliefs[-1].seconds, float(scan.knot_seconds[0]), float(scan.knot_seconds[-1])
-        usual, self._interval = self._interval, min(self._interval, ends - last)
+        last, begins, ends = self._course.beliefs[-1].seconds, float(scan.knot_seconds[0]), float(scan.knot_seconds[-1])
+        usual = self._course.interval
+        self._go_on(interval=min(usual, ends - last))
         if begins - last <= max(self._settings.pause, _PAUSE * usual) or self._is_given(last, begins):
             return False
-        turns = NO_TURNS if self._imu is None else self._imu.turns(np.array([last, begins]))
+        turns = self._imu.turns(np.array([last, begins]))
         return not (len(turns.information) and bool((turns.information > 0).all()))
 
-    def _solved(self, belief: Belief, scans: list[TimedPoints]) -> tuple[Solved, list[int]]:
-        """The knots of a window, and the index of each scan's first one; tried again where the result is suspicious."""
-        settings = self._settings
-        seconds, firsts = window_knots(belief.seconds, [scan.knot_seconds for scan in scans])
-        known = [belief.T] if len(scans) == 1 else [*[belief.T][: firsts[0]], *self._older_knots]
-        newest, after = self._beliefs[-1], seconds[len(known) - 1 :]
-        moved = [known[-1], *(moved_on(known[-1], newest.velocity, s - after[0]) for s in after[1:])]
-        predicted = np.stack([*known, *self._turned(after, np.stack(moved))[1:]])
-        changes = self._changes(belief, seconds, predicted)
-        ahead = _pushed(seconds, predicted, len(known), newest.velocity[3:], changes)
-        turns = NO_TURNS if self._imu is None else self._imu.turns(seconds)
-        steps, given = NO_STEPS, None
-        if self._given is not None and self._first_ns is not None:
-            steps = self._given.steps(self._first_ns, seconds)
-            if self._is_given(after[0], after[-1]):
-                given = list(self._given.moved(self._first_ns, known[-1], after[0], after[1:]))
+    def _is_given(self, begin: float, end: float) -> bool:
+        """Whether another system tells the motion between two times (s)."""
+        return self._given is not None and self._given.tells(self._first_ns, begin, end)
 
+    def _solved(self, scans: list[TimedPoints]) -> tuple[Solved, list[int]]:
+        """The knots of a window, and the index of each scan's first one; tried again where the result is suspicious."""
+        course, settings = self._course, self._settings
+        at = predicted(course, scans, self._model.up, self._imu, self._given)
+        prior = self._model.expected(course.beliefs[-len(scans)], at.seconds, course.height, at.changes)
         window = Window(
             np.concatenate([scan.points for scan in scans]), np.concatenate([scan.seconds for scan in scans]),
             np.concatenate([scan.plane_of for scan in scans]), np.cumsum([0, *(len(scan.points) for scan in scans)]),
-            np.array(firsts), np.array([len(scan.knot_seconds) for scan in scans]), seconds,
-            self._model.expected(belief, seconds, self._height, changes), self._model.prior, turns, changes, steps,
-            self._map.arrays, self._way - settings.local_map, self._weights,
+            np.array(at.firsts), np.array([len(scan.knot_seconds) for scan in scans]), at.seconds,
+            prior, self._model.prior, at.turns, at.changes, at.steps, self._map.arrays, self._oldest,
+            Weights.of(settings),
         )  # fmt: skip
 
-        def attempt(guess: list[Floats], kernel: float, iterations: int) -> Solved:
-            return solve(window, np.stack([*known, *guess]), kernel, iterations)
+        def attempt(guess: Guess, kernel: float, iterations: int) -> Solved:
+            return solve(window, np.stack([*at.known, *guess]), kernel, iterations)
 
-        velocity_known = bool((changes.information[len(known) - 1 :] > 0).all())
-        stopped = None if velocity_known else list(self._turned(after, np.stack([known[-1]] * len(after))))[1:]
-        turn_known = len(turns.information) > 0 and bool(np.all(turns.information[len(known) - 1 :] > 0))
-        return best_attempt(attempt, self._fits, ahead, stopped, given, self._lost, turn_known, settings), firsts
+        def fits_well(solved: Solved) -> bool:
+            return fits(solved, course.usual, settings)
 
-    def _turned(self, seconds: Floats, knots: Floats) -> Floats:
-        """Predicted knots (K, 4, 4) at times (K,), as far as a gyroscope tells how the sensor turned."""
-        return knots if self._imu is None else self._imu.turned(seconds, knots)
-
-    def _changes(self, belief: Belief, seconds: Floats, predicted: Floats) -> Changes:
-        """The changes of velocity at all but the last of the predicted knots (K, 4, 4), as an accelerometer tells."""
-        if self._imu is None:
-            return no_changes(len(seconds) - 1)
-        return self._imu.changes(seconds, predicted, belief.lasted, self._model.up)
-
-    def _fits(self, solved: Solved) -> bool:
-        """Whether about as many points of the newest scan as usual lie on known surfaces."""
-        usual = self._settings.suspicious * self._usual
-        return solved.share >= usual and solved.agreement >= self._settings.agreement
+        return best_attempt(
+            attempt, fits_well, at.ahead, at.stopped, at.given, course.lost, at.turn_known, settings
+        ), at.firsts
 
     def _judged(self, scan: TimedPoints, solved: Solved, firsts: list[int]) -> _Found:
         """Adds the older scan to the map and remembers the newest one, unless it is lost.
@@ -219,85 +195,82 @@ class ContinuousTimeOdometry:
         People who went away leave surfaces: a scan that sees through some where the sensor was followed is in doubt. It
         is called lost and not added, but the sensor is lost only if its scans stay in doubt.
         """
-        covariance = solved.covariance_in_sensor(firsts[-1], len(scan.knot_seconds) == 1)
-        relative = solved.share / max(self._usual, 1e-9) if self._scans > 2 else 1.0
-        health, unconstrained = judged(solved, covariance, relative, self._lost, self._settings)
+        course = self._course
+        steady = len(scan.knot_seconds) == 1
+        cautious, covariance = (
+            solved.covariance_in_sensor(firsts[-1], steady, factor) for factor in (1.0, solved.variance_factor)
+        )
+        relative = solved.share / max(course.usual, 1e-9) if course.scans > 2 else 1.0
+        health, unconstrained = judged(solved, cautious, relative, course.lost, self._settings)
         if health == "lost":
             return self._lose(scan, solved.share)
         knots, ends = solved.knots[firsts[-1] :], float(scan.knot_seconds[-1])
-        in_doubt = self._sees_through(scan, knots, relative)
-        if in_doubt and (self._lost or ends - self._held_at > self._settings.kidnapped):
+        in_doubt = self._is_in_doubt(scan, knots, relative)
+        if in_doubt and (course.lost or ends - course.held_at > self._settings.kidnapped):
             return self._lose(scan, solved.share)
-        if self._older is not None:
-            self._add(self._older, solved.knots[firsts[0] :][: len(self._older_knots)])
+        if course.older is not None:
+            self._add(course.older, solved.knots[firsts[0] :][: len(course.older_knots)])
         if in_doubt:
-            self._beliefs, self._older = [Belief.of(solved)], None
+            self._go_on(beliefs=[Belief.of(solved)], older=None)
             return _Found(knots, covariance, "lost", solved.share)
         self._remember(scan, solved, firsts)
         return _Found(knots, covariance, health, solved.share, unconstrained)
 
     def _remember(self, scan: TimedPoints, solved: Solved, firsts: list[int]) -> None:
         """Goes on from a scan that fits the map."""
-        knots, ends = solved.knots[firsts[-1] :], float(scan.knot_seconds[-1])
-        interval = ends - self._beliefs[-1].seconds
-        self._lost, self._held_at = False, ends
-        self._way += float(np.linalg.norm(knots[-1, :3, 3] - self._beliefs[-1].T[:3, 3]))
-        before = firsts[0] + len(self._older_knots) - 1 if self._older is not None else 0
-        if self._imu is not None:
-            changes = self._changes(self._beliefs[0], solved.seconds, solved.predicted)
-            later = Changes(changes.values[before:], changes.information[before:])
-            self._imu.follow(solved.seconds[before:], solved.knots[before:], later)
-        self._beliefs = [self._beliefs[-1].smoothed(solved, before), Belief.of(solved)]
-        self._older, self._older_knots = replace(scan, plane_of=solved.plane_of), knots
-        self.residual = solved.residual
-        follow = 1 - np.exp(-interval / self._settings.sway_memory)
-        self._height += follow * (float(self._model.up @ knots[-1, :3, 3]) - self._height)
-        weight = max(1 - np.exp(-interval / self._settings.usual_memory), 1 / self._scans)
-        self._usual += weight * (solved.share - self._usual)
+        course, settings = self._course, self._settings
+        knots, last = solved.knots[firsts[-1] :], course.beliefs[-1]
+        interval = float(scan.knot_seconds[-1]) - last.seconds
+        if not solved.converged:
+            _log.debug("scan at %.2f s: no convergence in %d iterations", scan.knot_seconds[-1], solved.iterations)
+        before = firsts[0] + len(course.older_knots) - 1 if course.older is not None else 0
+        changes = self._imu.changes(solved.seconds, solved.predicted, course.beliefs[0].lasted, self._model.up)
+        later = Changes(changes.values[before:], changes.information[before:])
+        self._imu.follow(solved.seconds[before:], solved.knots[before:], later)
+        follow = 1 - np.exp(-interval / settings.sway_memory)
+        weight = max(1 - np.exp(-interval / settings.usual_memory), 1 / course.scans)
+        self._go_on(
+            beliefs=[last.smoothed(solved, before), Belief.of(solved)],
+            older=replace(scan, plane_of=solved.plane_of),
+            older_knots=knots,
+            way=course.way + float(np.linalg.norm(knots[-1, :3, 3] - last.T[:3, 3])),
+            usual=course.usual + weight * (solved.share - course.usual),
+            height=course.height + follow * (float(self._model.up @ knots[-1, :3, 3]) - course.height),
+            residual=solved.residual,
+            lost=False,
+            held_at=float(scan.knot_seconds[-1]),
+        )
 
-    def _sees_through(self, scan: TimedPoints, knots: Floats, relative: float) -> bool:
-        """Whether the rays of a suspicious scan, its knots at (K, 4, 4), pass through too many surfaces of the map.
+    def _is_in_doubt(self, scan: TimedPoints, knots: Floats, relative: float) -> bool:
+        """Whether a suspicious scan, its knots at (K, 4, 4), sees through too many surfaces of the map.
 
         A place where the sensor is found again is suspicious until the usual share of points is that of this place.
         """
-        settings = self._settings
-        is_new = float(scan.knot_seconds[-1]) - self._lost_at < settings.usual_memory
-        if not is_new and relative >= settings.suspicious:
+        is_new = float(scan.knot_seconds[-1]) - self._course.lost_at < self._settings.usual_memory
+        if not is_new and relative >= self._settings.suspicious:
             return False
-        points, _ = points_and_rays(Motion(scan.knot_seconds, knots), scan.points, scan.seconds)
-        oldest = self._way - settings.local_map
-        of_rays, of_surfaces = shares_seen_through(points, knots[0, :3, 3], self._map.arrays, oldest)
-        return of_rays > _MOST_RAYS or of_surfaces > settings.seen_through
+        points = points_and_rays(Motion(scan.knot_seconds, knots), scan.points, scan.seconds)[0]
+        return sees_through(points, knots[0, :3, 3], self._map.arrays, self._oldest, self._settings)
 
     def _lose(self, scan: TimedPoints, share: float) -> _Found:
         """A scan that tells nothing, or does not fit the map: its pose is a prediction."""
-        if self._older is not None:
-            self._add(self._older, self._older_knots)
-        before = self._beliefs[-1] if self._beliefs else self._model.begin(float(scan.knot_seconds[0]))
-        belief = self._model.unobserved(before, float(scan.knot_seconds[-1]))
-        if self._imu is not None:
-            T = self._imu.turned(np.array([before.seconds, belief.seconds]), np.stack([before.T, belief.T]))[1]
-            belief = replace(belief, T=T)
-            self._imu.lose()
-        knots = np.tile(belief.T, (len(scan.knot_seconds), 1, 1))
-        last = before.observed or before
-        if self._beliefs and self._is_given(last.seconds, belief.seconds):
-            belief, knots = self._carried_on(belief, last, scan.knot_seconds)
-        self._lost, self._lost_at, self._older = True, float(scan.knot_seconds[-1]), None
-        self._beliefs = [belief] if self._beliefs else []
+        course, seconds = self._course, scan.knot_seconds
+        if course.older is not None:
+            self._add(course.older, course.older_knots)
+        before = course.beliefs[-1] if course.beliefs else self._model.begin(float(seconds[0]), np.eye(4))
+        belief = self._model.unobserved(before, float(seconds[-1]))
+        turned = self._imu.turned(np.array([before.seconds, belief.seconds]), np.stack([before.T, belief.T]))
+        belief, last = replace(belief, T=turned[1]), before.observed or before
+        self._imu.lose()
+        knots = np.tile(belief.T, (len(seconds), 1, 1))
+        if course.beliefs and self._given is not None and self._is_given(last.seconds, belief.seconds):
+            # the sensor moved from the last observed pose as another system has it
+            knots = self._given.moved(self._first_ns, last.T, last.seconds, seconds)
+            moved = self._given.covariance(self._first_ns, last.seconds, belief.seconds)
+            belief = replace(belief, T=knots[-1], covariance=last.covariance + moved)
+        beliefs = [belief] if course.beliefs else []
+        self._go_on(lost=True, lost_at=float(seconds[-1]), older=None, beliefs=beliefs)
         return _Found(knots, belief.covariance, "lost", share)
-
-    def _is_given(self, begin: float, end: float) -> bool:
-        """Whether another system tells the motion between two times (s)."""
-        return self._given is not None and self._first_ns is not None and self._given.tells(self._first_ns, begin, end)
-
-    def _carried_on(self, belief: Belief, last: Belief, seconds: Floats) -> tuple[Belief, Floats]:
-        """A belief, and the knots (K, 4, 4) of a lost scan at times (K,), where the sensor moved from the `last`
-        observed one as another system has it."""
-        assert self._first_ns is not None and self._given is not None
-        knots = self._given.moved(self._first_ns, last.T, last.seconds, seconds)
-        covariance = last.covariance + self._given.covariance(self._first_ns, last.seconds, belief.seconds)
-        return replace(belief, T=knots[-1], covariance=covariance), knots
 
     def look_back(self, results: list[Registration]) -> list[Registration]:
         """Returns the results of all scans so far, with the first ones registered again, as these had hardly any map
@@ -310,96 +283,76 @@ class ContinuousTimeOdometry:
         count = int(np.searchsorted(ages, _UNSURE))
         if len(early) - count < 2 or ages[-1] < _UNSURE + _KNOWN:
             return results
-        imu = None if self._imu is None else self._imu.backwards()
-        back = ContinuousTimeOdometry(self._settings, imu, None if self._given is None else self._given.backwards())
-        back._first_ns = self._first_ns
-        if self._up is not None:
-            back.level(self._up)
+        given = None if self._given is None else self._given.backwards()
+        back = ContinuousTimeOdometry(self._settings, self._imu.backwards(), given)
+        if self._model.up.any():
+            back.level(self._model.up)
         for scan, result in zip(early[count:-1], results[count:-1], strict=True):
             back._add(scan, result.motion.knots)
         knots = np.concatenate([result.motion.knots for result in results[count : count + 2]])
         seconds = np.concatenate([scan.knot_seconds for scan in early[count : count + 2]])
         velocity, lasted = -velocity_after(Motion(seconds, knots), 0), float(seconds[1] - seconds[0])
-        back._beliefs = [back._model.moving(-float(seconds[0]), knots[0], velocity, lasted)]
-        back._scans, back._usual, back._height = self._scans, self._usual, self._height
+        back._course = Course(
+            self._course.first_ns,
+            self._course.scans,
+            [back._model.moving(-float(seconds[0]), knots[0], 1e-2, velocity, lasted)],
+            usual=self._course.usual,
+            height=self._course.height,
+        )
         again = []
         for scan, result in zip(early[:count][::-1], results[:count][::-1], strict=True):
-            found = back._next(scan.reversed())
+            found = back._located(scan.reversed())
             motion = Motion(result.motion.seconds, found.knots[::-1].copy())
-            again.append(
-                replace(
-                    result, T_odom_sensor=pose_at(motion, 0.0), covariance=found.covariance, health=found.health,
-                    share=found.share, motion=motion, unconstrained=found.unconstrained,
-                )
-            )  # fmt: skip
+            own = found._asdict() | {"knots": motion, "T_odom_sensor": pose_at(motion, 0.0)}
+            again.append(replace(result, motion=own.pop("knots"), **own))
         if any(result.health == "lost" for result in again):
             return results
-        if back._older is not None:
-            back._add(back._older, back._older_knots)
+        if back._course.older is not None:
+            back._add(back._course.older, back._course.older_knots)
         self._map = back._map
         return [*again[::-1], *results[count:]]
 
     def rejoin(self, other: "ContinuousTimeOdometry") -> bool:
         """Tries to register the scan that `other` registered last near the place where the sensor was lost, and
         continues from there. Returns whether it fits."""
-        if other._older is None or self._up is None:
+        course, there = self._course, other._course
+        if there.older is None or not self._model.up.any():
             return False
-        assert self._first_ns is not None and other._first_ns is not None
-        lost = self._beliefs
-        unknown = np.full_like(other._older.plane_of, UNKNOWN)  # in this map
-        scan = replace(other._older, plane_of=unknown).later((other._first_ns - self._first_ns) / 1e9)
+        later, last = (other._first_ns - self._first_ns) / 1e9, there.older_knots[-1]
+        unknown = np.full_like(there.older.plane_of, UNKNOWN)  # in this map
+        scan = replace(there.older, plane_of=unknown).later(later)
+        # the places near the last known one where the other's newest scan would fit best
+        placed = points_and_rays(Motion(scan.knot_seconds, there.older_knots), scan.points, scan.seconds)[0]
+        seen = np.hstack([transform_points(inverse(last), placed), scan.points[:, 3:]])
+        near = course.beliefs[-1].T @ last
         found = []
-        for T_odom_other in self._likely_poses(other, scan):
-            begin, velocity = other._beliefs[-2], np.kron(np.eye(2), T_odom_other[:3, :3]) @ other._beliefs[-1].velocity
-            before = begin.seconds + (other._first_ns - self._first_ns) / 1e9
-            self._beliefs = [self._model.near(before, T_odom_other @ begin.T, velocity)]
-            found.append((self._beliefs, *self._solved(self._beliefs[-1], [scan])))
-        self._beliefs, solved, firsts = max(found, key=lambda own: own[1].close)
+        for T in likely_poses(seen, near, self._model.up, self._map.arrays, self._oldest, _TRIED):
+            T_odom_other, begin = T @ inverse(last), there.beliefs[-2]
+            velocity = np.kron(np.eye(2), T_odom_other[:3, :3]) @ there.beliefs[-1].velocity
+            belief = self._model.moving(begin.seconds + later, T_odom_other @ begin.T, 0.5, velocity)
+            self._go_on(beliefs=[belief])
+            found.append((belief, *self._solved([scan])))
+        belief, solved, firsts = max(found, key=lambda own: own[1].close)
+        self._go_on(beliefs=[belief])
         if self._judged(scan, solved, firsts).health != "lost":
             return True
-        self._beliefs = lost
+        self._go_on(beliefs=course.beliefs)
         return False
-
-    def _likely_poses(self, other: "ContinuousTimeOdometry", newest: TimedPoints) -> list[Floats]:
-        """T_odom_other (4, 4) of the places near the last known one where the other's newest scan would fit best."""
-        last = other._older_knots[-1]
-        motion = Motion(newest.knot_seconds, other._older_knots)
-        placed, _ = points_and_rays(motion, newest.points, newest.seconds)
-        seen = np.hstack([transform_points(inverse(last), placed), newest.points[:, 3:]])
-        local = self._map.arrays, self._way - self._settings.local_map
-        assert self._up is not None
-        return [T @ inverse(last) for T in likely_poses(seen, self._beliefs[-1].T @ last, self._up, *local, _TRIED)]
 
     def _add(self, scan: TimedPoints, knots: Floats) -> None:
         """Adds a scan to the map."""
         seen = points_and_rays(Motion(scan.knot_seconds, knots), scan.points, scan.seconds)
-        self._map.add(*seen, self._way, self._settings.local_map)
+        self._map.add(*seen, self._course.way, self._settings.local_map)
 
     def state(self) -> dict[str, Any]:
         """Returns the state as a tree; another instance with the same settings continues identically."""
-        imu = None if self._imu is None else self._imu.state()
-        return {"map": self._map.state(), "imu": imu} | {name: getattr(self, name) for name in self._STATE}
+        parts = {"map": self._map.state(), "imu": self._imu.state()}
+        return parts | {"course": dict(vars(self._course)), "up": self._model.up, "early": self._early}
 
     def restore(self, state: State) -> None:
         """Restores what `state` returned."""
         self._map.restore(state["map"])
-        if self._imu is not None:
-            self._imu.restore(state["imu"])
-        for name in self._STATE:
-            setattr(self, name, state[name])
-        if self._up is not None:
-            self._model.level(self._up)
-
-
-def _pushed(seconds: Floats, predicted: Floats, known: int, velocity: Floats, changes: Changes) -> list[Floats]:
-    """The predicted knots (4, 4) after the first `known` ones, where the velocity (3,) before them changes as measured.
-
-    Where no change is measured, the velocity remains.
-    """
-    place, ahead = predicted[known - 1, :3, 3], []
-    for k in range(known, len(seconds)):
-        velocity = velocity + changes.values[k - 1]
-        place = place + velocity * (seconds[k] - seconds[k - 1])
-        ahead.append(predicted[k].copy())
-        ahead[-1][:3, 3] = place
-    return ahead
+        self._imu.restore(state["imu"])
+        self._course, self._early = Course(**state["course"]), state["early"]
+        if state["up"].any():
+            self._model.level(state["up"])

@@ -99,12 +99,6 @@ class TimedOdometry:
         self._last = {kind: results[kind].T_odom_sensor for kind in self._odometries}
         return _moved(self._shift, results[self._best])
 
-    def times_of(self, points: Floats, point_times: Floats | None) -> Floats | None:
-        """(N,) the times of a scan's points (N, 3), given or not, by what is known now; None for a snapshot."""
-        if not len(points):
-            return None
-        return self._guessed(points)[0] if point_times is None and self._best == "order" else point_times
-
     def level(self, up_in_odom: Floats) -> None:
         """See `ContinuousTimeOdometry.level`."""
         for kind, odometry in self._odometries.items():

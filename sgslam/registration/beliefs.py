@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import levelling
 from sgslam.inertial import Changes
-from sgslam.registration.motion_prior import moved_on, velocity_between
+from sgslam.registration.motion_prior import velocity_between
 from sgslam.registration.window import MotionPrior, Prior, Solved
 
 Floats = NDArray[np.float64]
-_LEVEL_START = 0.25  # share of the vertical speeds that stairs need
+_LEVEL_START = 0.25  # share of the vertical speeds that stairs need: a run begins on level ground
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,28 +77,15 @@ class MotionModel:
         spread[5], memory[5] = settings.vertical_speed, settings.vertical_memory
         self.prior = MotionPrior(spread, memory, axes)
 
-    def begin(self, seconds: float) -> Belief:
-        """The first pose, with an unknown velocity."""
-        return Belief(seconds, np.eye(4), np.eye(6) * 1e-8, np.zeros(6), self._along(self._at_start**2))
-
-    def known(self, seconds: float, T: Floats) -> Belief:
+    def begin(self, seconds: float, T: Floats) -> Belief:
         """A known pose with an unknown velocity."""
-        return Belief(seconds, T, np.eye(6) * 1e-6, np.zeros(6), self._along(self._at_start**2))
-
-    @property
-    def _at_start(self) -> Floats:
-        """(6,) the spread of the first velocity: a run begins on level ground."""
         spread = self.prior.spread.copy()
         spread[5] *= _LEVEL_START if self.up.any() else 1.0
-        return spread
+        return Belief(seconds, T, np.eye(6) * 1e-6, np.zeros(6), self._along(spread**2))
 
-    def moving(self, seconds: float, T: Floats, velocity: Floats, lasted: float) -> Belief:
-        """A known pose with a roughly known velocity, the mean of so many seconds before."""
-        return Belief(seconds, T, np.eye(6) * 1e-4, velocity, self._along((self.prior.spread / 10) ** 2), lasted)
-
-    def near(self, seconds: float, T: Floats, velocity: Floats) -> Belief:
-        """A pose known to a step of the grid on which a lost sensor is searched, with a roughly known velocity."""
-        return Belief(seconds, T, np.eye(6) * 0.25, velocity, self._along((self.prior.spread / 3) ** 2))
+    def moving(self, seconds: float, T: Floats, sigma: float, velocity: Floats, lasted: float = 0.0) -> Belief:
+        """A pose known to `sigma` (rad and m), with a roughly known velocity, the mean of so many seconds before."""
+        return Belief(seconds, T, np.eye(6) * sigma**2, velocity, self._along((self.prior.spread / 5) ** 2), lasted)
 
     def unobserved(self, belief: Belief, seconds: float) -> Belief:
         """What remains of a belief at a later time: the pose stays, with a growing covariance. It grows from the last
@@ -128,8 +115,3 @@ class MotionModel:
         """(6, 6) in axes of `odom`, with values (6,) along those of the prior."""
         axes = self.prior.axes
         return np.asarray(axes.T * values @ axes)
-
-    @staticmethod
-    def steady(T: Floats, velocity: Floats, seconds: Floats) -> Floats:
-        """(K, 4, 4) poses at times (K,) of a steady motion that begins at T (4, 4)."""
-        return np.stack([moved_on(T, velocity, s - seconds[0]) for s in seconds])

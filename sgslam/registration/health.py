@@ -1,13 +1,21 @@
-"""How good a registration is: good, degraded in some directions, or lost."""
+"""How good a registration is: the sensor is tracked, not constrained in some directions, or lost."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.config import TrackingSettings
+from sgslam.registration.relocation import shares_seen_through
 from sgslam.registration.window import Solved
+from sgslam.surfels import Surfels
 from sgslam.types import Health
 
 Floats = NDArray[np.float64]
+_MOST_RAYS = 0.5  # share that no person who went away leaves free, since he stood on one side of the sensor
+
+
+def fits(solved: Solved, usual: float, settings: TrackingSettings) -> bool:
+    """Whether about as large a share of the newest scan's points as is `usual` lie on known surfaces."""
+    return solved.share >= settings.suspicious * usual and solved.agreement >= settings.agreement
 
 
 def innovation(solved: Solved) -> float:
@@ -16,16 +24,18 @@ def innovation(solved: Solved) -> float:
     turned = solved.knots[-1, :3, :3] @ solved.predicted[-1, :3, :3].T
     off[:3] = np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]]) / 2
     off[3:] = solved.knots[-1, :3, 3] - solved.predicted[-1, :3, 3]
-    prior = np.linalg.inv(solved.information - solved.measured)[-6:, -6:]
-    return float(off @ np.linalg.solve(prior, off))
+    return float(off @ solved.predicted_information[-1] @ off)
 
 
 def judged(
     solved: Solved, covariance: Floats, relative: float, was_lost: bool, settings: TrackingSettings
 ) -> tuple[Health, Floats]:
-    """The health of a scan with a covariance (6, 6), rotation first, and with a share of points on known surfaces that
-    is so many times the usual one; and the unit twists (M, 6) that are not constrained. A sensor that was lost must fit
-    better, and be constrained in all directions: of the many poses that are tried then, some fit by chance."""
+    """The health of a scan with a covariance (6, 6), rotation first, as its points are weighted, and with a share of
+    points on known surfaces that is so many times the usual one; and the unit twists (M, 6) that are not constrained.
+
+    A sensor that was lost must fit better, and be constrained in all directions: of the many poses that are tried then,
+    some fit by chance.
+    """
     unlike = relative < (settings.suspicious if was_lost else settings.lost) or solved.agreement < settings.agreement
     if unlike or innovation(solved) > settings.innovation:
         return "lost", np.empty((0, 6))
@@ -39,3 +49,10 @@ def judged(
     if not weak:
         return "good", np.empty((0, 6))
     return ("lost", np.empty((0, 6))) if was_lost else ("degraded", np.stack(weak))
+
+
+def sees_through(points: Floats, sensor: Floats, surfels: Surfels, oldest: float, settings: TrackingSettings) -> bool:
+    """Whether the rays from a sensor (3,) to points (N, 3), in `odom`, pass through too many surfaces of the map: its
+    pose is wrong, or people who stood there went away."""
+    of_rays, of_surfaces = shares_seen_through(points, sensor, surfels, oldest)
+    return of_rays > _MOST_RAYS or of_surfaces > settings.seen_through

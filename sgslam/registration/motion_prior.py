@@ -143,20 +143,32 @@ def add_changes(times: Floats, knots: Floats, changes: Changes, H: Floats, g: Fl
 
     That at the first one, of the velocity before the window, is left out.
     """
-    J = np.empty(3)
+    axis = np.zeros(6)
     for k in range(1, len(changes.information)):
         rate, earlier = 1 / (times[k + 1] - times[k]), 1 / (times[k] - times[k - 1])
-        J[0], J[1], J[2] = earlier, -earlier - rate, rate
-        weight = changes.information[k]
         for c in range(3):
-            off = -changes.values[k, c]
-            for a in range(3):
-                off += J[a] * knots[k - 1 + a, c, 3]
-            for a in range(3):
-                row = 6 * (k - 1 + a) + 3 + c
-                g[row] += weight * J[a] * off
+            axis[:] = 0.0
+            axis[3 + c] = 1.0
+            later, before = knots[k + 1, c, 3] - knots[k, c, 3], knots[k, c, 3] - knots[k - 1, c, 3]
+            off = rate * later - earlier * before - changes.values[k, c]
+            _add_change(k, axis, earlier, rate, off, changes.information[k], H, g)
+
+
+@compiled
+def _add_change(
+    k: int, axis: Floats, earlier: float, rate: float, off: float, weight: float, H: Floats, g: Floats
+) -> None:
+    """Adds a measured change of the velocity at knot `k` along an axis (6,), which is `off` by so much; the rates are
+    1/s, of the pieces before and after it."""
+    J = (earlier, -earlier - rate, rate)
+    for a in range(3):
+        for c in range(6):
+            if axis[c] != 0.0:
+                row, one = 6 * (k - 1 + a) + c, weight * J[a] * axis[c]
+                g[row] += one * off
                 for b in range(3):
-                    H[row, 6 * (k - 1 + b) + 3 + c] += weight * J[a] * J[b]
+                    for d in range(6):
+                        H[row, 6 * (k - 1 + b) + d] += one * J[b] * axis[d]
 
 
 @compiled
@@ -171,38 +183,24 @@ def add_velocities(
     seconds: for short times white noise on acceleration, but a speed that nothing measures does not grow. Both are
     along the rows of `axes` (6, 6): a sensor rises and sinks less than it walks on.
     """
-    before, J = expected, np.empty(3)
+    before, earlier = expected, 0.0
     for k in range(len(knots) - 1):
         rate = 1 / (times[k + 1] - times[k])
         velocity = velocity_between(knots[k], knots[k + 1], 1 / rate)
-        if k == 0:
-            off = velocity - expected
-            for i in range(6):
+        for i in range(6):
+            if k == 0:
                 for j in range(6):
                     weight = information[i, j] * rate
-                    g[i] -= weight * off[j]
-                    g[6 + i] += weight * off[j]
+                    g[i] -= weight * (velocity[j] - expected[j])
+                    g[6 + i] += weight * (velocity[j] - expected[j])
                     H[i, j] += weight * rate
                     H[6 + i, 6 + j] += weight * rate
                     H[i, 6 + j] -= weight * rate
                     H[6 + i, j] -= weight * rate
-            before = velocity
-            continue
-        earlier = 1 / (times[k] - times[k - 1])
-        for i in range(6):
+                continue
             kept = math.exp(-(times[k + 1] - times[k - 1]) / 2 / memory[i])
-            J[0], J[1], J[2] = kept * earlier, -kept * earlier - rate, rate
-            weight = 1 / (spread[i] ** 2 * (1 - kept * kept))
-            off_i = 0.0
+            off, weight = 0.0, 1 / (spread[i] ** 2 * (1 - kept * kept))
             for c in range(6):
-                off_i += axes[i, c] * (velocity[c] - kept * before[c])
-            for a in range(3):
-                for c in range(6):
-                    if axes[i, c] == 0.0:
-                        continue
-                    row, one = 6 * (k - 1 + a) + c, weight * J[a] * axes[i, c]
-                    g[row] += one * off_i
-                    for b in range(3):
-                        for d in range(6):
-                            H[row, 6 * (k - 1 + b) + d] += one * J[b] * axes[i, d]
-        before = velocity
+                off += axes[i, c] * (velocity[c] - kept * before[c])
+            _add_change(k, axes[i], kept * earlier, rate, off, weight, H, g)
+        before, earlier = velocity, rate

@@ -17,10 +17,10 @@ Floats = NDArray[np.float64]
 Ints32 = NDArray[np.int32]
 Vector = tuple[float, float, float]
 
-STRAYED = 5e-3  # m and rad: where knots move by less, fewer than one point in a hundred is on another plane
+STRAYED = 1e-2  # m and rad: where knots move by less, fewer than one point in a hundred is on another plane
 UNKNOWN = -1  # the plane of a point that was not looked for; 0 is none
 KERNEL = 5.0  # times the median residual
-_SIGMA = 6.0  # times the median residual, a point's sigma: an a-posteriori variance factor, as neighbours share errors
+SIGMA = 6.0  # times the median residual, the least sigma of a point as it is weighted
 
 
 class Weights(NamedTuple):
@@ -132,13 +132,14 @@ def _turned(knots: Floats, k: int, x: float, y: float, z: float) -> Vector:
 
 @compiled
 def point_equations(
-    points: Floats, seconds: Floats, at: Floats, knots: Floats, plane_of: Ints32, surfels: Surfels, oldest: float,
-    error: float, widest: float, weights: Weights, H: Floats, g: Floats, F: Floats,
+    points: Floats, seconds: Floats, at: Floats, knots: Floats, plane_of: Ints32, every: int, surfels: Surfels,
+    oldest: float, error: float, widest: float, weights: Weights, H: Floats, g: Floats, F: Floats,
 ) -> tuple[float, int, int]:  # fmt: skip
     """Fills in the normal equations of a scan's points for its knots (K, 4, 4) at times `at` (K,): the first 6K rows
     and columns of H, and of g; rotation first, both in axes of `odom`.
 
-    Points (N, 6), with the normals that the scan shows, are measured at `seconds` (N,). Planes `plane_of` (N,) that are
+    Points (N, 6), with the normals that the scan shows, are measured at `seconds` (N,); only one of `every` so many is
+    taken, and counts as often. Planes `plane_of` (N,) that are
     unknown, or on which a point is no more, are looked for, where a point's place is known to an `error` (m).
 
     A point counts by the variance of its distance from its plane and by the plane's, times the weight of Geman and
@@ -156,7 +157,7 @@ def point_equations(
     planes, turns, used, k = surfels.planes, turns_between(knots), 0, 0
     knot, share, plane = np.empty(len(points), np.int32), np.empty(len(points)), np.empty(len(points), np.int32)
     way, off, spread = np.empty((len(points), 3)), np.empty(len(points)), np.empty(len(points))
-    for p in range(len(points)):
+    for p in range(0, len(points), every):
         if plane_of[p] == 0:
             continue
         k = knot_before(seconds[p], at, k)
@@ -176,7 +177,7 @@ def point_equations(
         used += 1
     if used == 0:
         return math.inf, 0, 0
-    residual, weight = _weighed(plane[:used], off[:used], spread[:used], planes, error, widest, weights, way, F)
+    residual, weight = _weighed(plane[:used], off[:used], spread[:used], planes, every, error, widest, weights, way, F)
     _add_points(knot[:used], share, plane, way, off, weight, planes, len(knots), H, g)
     close = 0
     for p in range(used):
@@ -186,8 +187,8 @@ def point_equations(
 
 @compiled
 def _weighed(
-    plane: Ints32, off: Floats, spread: Floats, planes: NDArray[np.float32], error: float, widest: float,
-    weights: Weights, way: Floats, F: Floats,
+    plane: Ints32, off: Floats, spread: Floats, planes: NDArray[np.float32], every: int, error: float,
+    widest: float, weights: Weights, way: Floats, F: Floats,
 ) -> tuple[float, Floats]:  # fmt: skip
     """The median distance (m), and the weight (N,) of each point; fills in F. See `point_equations`."""
     # the points on each plane: their number, the sum of their distances, of these squared
@@ -206,14 +207,14 @@ def _weighed(
         across[p] = planes[s, ACROSS]
     residual, typical = float(np.median(np.abs(off))), float(np.median(across))
     kernel = min(widest, max(weights.kernel, KERNEL * residual))
-    sigma = max(weights.sigma_point, _SIGMA * residual)
+    sigma = max(weights.sigma_point, SIGMA * residual)
     # each point's weight, and the sum of these times the misfit of their plane
     weight = np.empty(len(plane))
     for p in range(len(plane)):
         of, scale = group[p], kernel * kernel + spread[p]
         mean = sums[of, 1] / sums[of, 0]
         robust = scale / (scale + off[p] * off[p] + max(sums[of, 2] / sums[of, 0] - mean * mean, 0.0))
-        weight[p] = robust * robust / (sigma * sigma + spread[p])
+        weight[p] = every * robust * robust / (sigma * sigma + spread[p])
         sums[of, 3] += weight[p] * misfit(planes, plane[p], typical)
     is_placed = 2 * error < kernel
     moments = np.zeros((groups, 10))

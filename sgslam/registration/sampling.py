@@ -68,20 +68,22 @@ def _cells(points: Floats, side: float, nearest: float, farthest: float, patch: 
 
     Without patches where their side is 0.
     """
-    size, count, patches, per_side, per_patch = 1, 0, 0, 1 / side, 1 / patch
+    size = 1
     while size < 2 * len(points):
         size *= 2
     table, keys, chosen = np.zeros(size, np.int32), np.empty(len(points), np.int64), np.empty(len(points), np.int64)
     of_patch, patch_keys = np.zeros(size if patch > 0 else 1, np.int32), np.empty(len(points), np.int64)
     sums, patch_of = np.empty((len(points), 10)), np.zeros(len(points), np.int64)
+    count, patches, number, last, last_patch = 0, 0, 0, -1, -1  # neighbours are often in the same cell
     for p in range(len(points)):
         x, y, z = points[p, 0], points[p, 1], points[p, 2]
-        number = 0
         if patch > 0:
-            number = _number_of(x * per_patch, y * per_patch, z * per_patch, of_patch, patch_keys, patches)
-            if number == patches:
-                sums[number] = 0.0
-                patches += 1
+            key = _key(x / patch, y / patch, z / patch)
+            if key != last_patch:
+                last_patch, number = key, _number_of(key, of_patch, patch_keys, patches)
+                if number == patches:
+                    sums[number] = 0.0
+                    patches += 1
             sums[number, 0] += 1
             sums[number, 1] += x
             sums[number, 2] += y
@@ -92,19 +94,27 @@ def _cells(points: Floats, side: float, nearest: float, farthest: float, patch: 
             sums[number, 7] += y * y
             sums[number, 8] += y * z
             sums[number, 9] += z * z
-        is_near = nearest * nearest <= x * x + y * y + z * z <= farthest * farthest
-        if is_near and _number_of(x * per_side, y * per_side, z * per_side, table, keys, count) == count:
+        if not nearest * nearest <= x * x + y * y + z * z <= farthest * farthest:
+            continue
+        key = _key(x / side, y / side, z / side)
+        if key != last and _number_of(key, table, keys, count) == count:
             chosen[count], patch_of[count] = p, number
             count += 1
+        last = key
     return chosen[:count], patch_of[:count], sums[:patches]
 
 
 @compiled
-def _number_of(x: float, y: float, z: float, table: Ints32, keys: Ints, count: int) -> int:
-    """The number of the cell of side 1 that holds a point; `count`, that of the known cells, for a new one, which is
-    then known by the `keys` of all cells and the hash `table` of their numbers plus one."""
-    i, j, k = int(x + _HALF), int(y + _HALF), int(z + _HALF)
-    key, mask = (((i << 21) | j) << 21) | k, len(table) - 1
+def _key(x: float, y: float, z: float) -> int:
+    """The key of the cell of side 1 that holds a point."""
+    return (((int(x + _HALF) << 21) | int(y + _HALF)) << 21) | int(z + _HALF)
+
+
+@compiled
+def _number_of(key: int, table: Ints32, keys: Ints, count: int) -> int:
+    """The number of a cell; `count`, that of the known cells, for a new one, which is then known by the `keys` of all
+    cells and the hash `table` of their numbers plus one."""
+    mask = len(table) - 1
     place = ((key * 0x9E3779B97F4A7C1) >> 21) & mask
     while table[place] > 0:
         if keys[table[place] - 1] == key:

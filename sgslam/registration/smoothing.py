@@ -59,8 +59,8 @@ class _Seen:
             self.plane_of[:], self.strayed = UNKNOWN, 0.0
         points = scan.points.astype(np.float64)
         residual, _, _ = point_equations(
-            points, scan.seconds, scan.knot_seconds, knots, self.plane_of, surfels, -1.0, error, self.kernel, weights,
-            self.H, self.g, self.F,
+            points, scan.seconds, scan.knot_seconds, knots, self.plane_of, 1, surfels, -1.0, error, self.kernel,
+            weights, self.H, self.g, self.F,
         )  # fmt: skip
         project_out_feigned(self.H, self.g, self.F, weights.feigned)
         self.moved, self.kernel = 0.0, min(self.kernel, max(weights.kernel, KERNEL * residual))

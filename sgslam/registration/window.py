@@ -22,7 +22,7 @@ from sgslam.registration.motion_prior import (
     add_velocities,
     velocity_between,
 )
-from sgslam.registration.points import KERNEL, STRAYED, UNKNOWN, Weights, point_equations
+from sgslam.registration.points import KERNEL, SIGMA, STRAYED, UNKNOWN, Weights, point_equations
 from sgslam.surfels import Surfels
 
 Floats = NDArray[np.float64]
@@ -30,6 +30,10 @@ Ints = NDArray[np.int64]
 Ints32 = NDArray[np.int32]
 
 _SETTLED = 2e-3  # m and rad, by which the knots of an older scan move until its equations are made again
+# Times the median residual, a point's sigma: twice what a normal distribution has, as each four neighbours share
+# errors, of their wall and of their beam.
+_SHARED = 3.0
+_COARSE = 4  # of the newest scan's points, one is taken in the first iteration, unless a gyroscope predicts as well
 _GAP = 0.02  # of a scan's duration: a shorter pause after the scan before is none; a quick hand turns by 0.4 degrees
 
 
@@ -91,6 +95,8 @@ class Solved:
     Of the newest scan's points, `found` ones have a plane in reach, and `close` ones lie near it; `residual` (m) is
     their median distance; `plane_of` (N,) are their planes, 0 for none. After so many `iterations` it has `converged`,
     or not.
+
+    The variance of the points' distances is `variance_factor` times the one by which they were weighted.
     """
 
     seconds: Floats
@@ -104,6 +110,7 @@ class Solved:
     residual: float
     iterations: int
     converged: bool
+    variance_factor: float = 1.0
 
     @property
     def agreement(self) -> float:
@@ -121,23 +128,37 @@ class Solved:
         C = np.linalg.inv(self.information)
         return np.asarray((C + C.T) / 2, np.float64)  # what is not symmetric would grow from scan to scan
 
-    def covariance_in_sensor(self, knot: int, steady: bool) -> Floats:
-        """(6, 6) of one knot; rotation first, in the sensor's axes.
+    @cached_property
+    def predicted_information(self) -> Floats:
+        """(K, 6, 6) that about each knot without the points; rotation first, in axes of `odom`."""
+        C = np.linalg.inv(self.information - self.measured).reshape(len(self.knots), 6, -1, 6)
+        return np.linalg.inv(np.stack([C[k, :, k] for k in range(len(self.knots))]))
+
+    def covariance_in_sensor(self, knot: int, steady: bool, factor: float) -> Floats:
+        """(6, 6) of one knot; rotation first, in the sensor's axes, where the variance of the points is the one by
+        which they were weighted times a `factor`.
 
         Points that were measured between the knots suffer from motion that is not `steady` there.
         """
-        turn = np.kron(np.eye(2), self.knots[knot, :3, :3])
-        own = slice(6 * knot, 6 * knot + 6)
-        bent = np.zeros(6) if steady else self._bent()
-        return np.asarray(turn.T @ (self.covariance[own, own] + np.diag(bent)) @ turn)
+        turn, own = np.zeros((6, 6)), slice(6 * knot, 6 * knot + 6)
+        turn[:3, :3] = turn[3:, 3:] = self.knots[knot, :3, :3]
+        before = self.predicted_information[knot]
+        C = np.linalg.inv(before + (np.linalg.inv(self.covariance[own, own]) - before) / factor)
+        bent = np.zeros(6) if steady else _bent(self.seconds, self.knots)
+        return np.asarray(turn.T @ ((C + C.T) / 2 + np.diag(bent)) @ turn)
 
-    def _bent(self) -> Floats:
-        """(6,) the variance of a knot's error as the motion bends between knots: an arc's height above its chord."""
-        lasted = np.diff(self.seconds)
-        pairs = zip(self.knots[:-1], self.knots[1:], lasted, strict=True)
-        velocities = np.stack([velocity_between(T_a, T_b, seconds) for T_a, T_b, seconds in pairs])
-        heights = np.diff(velocities, axis=0) * np.mean(lasted) / 8
-        return np.asarray(np.mean(heights**2, axis=0)) if len(heights) else np.zeros(6)
+
+@compiled
+def _bent(seconds: Floats, knots: Floats) -> Floats:
+    """(6,) the variance of a knot's error as the motion bends between knots (K, 4, 4) at times (K,): an arc's height
+    above its chord."""
+    variance, lasted = np.zeros(6), (seconds[-1] - seconds[0]) / (len(seconds) - 1)
+    for k in range(2, len(knots)):
+        before = velocity_between(knots[k - 2], knots[k - 1], seconds[k - 1] - seconds[k - 2])
+        after = velocity_between(knots[k - 1], knots[k], seconds[k] - seconds[k - 1])
+        for i in range(6):
+            variance[i] += ((after[i] - before[i]) * lasted / 8) ** 2 / (len(knots) - 2)
+    return variance
 
 
 def window_knots(begin: float, scans: list[Floats]) -> tuple[Floats, list[int]]:
@@ -165,9 +186,10 @@ def solve(window: Window, predicted: Floats, first_kernel: float, iterations: in
     plane_of = window.plane_of.copy()
     H, measured = np.empty((n, n)), np.empty((n, n))
     count, moved_by, residual, found, close = _solve(window, knots, plane_of, first_kernel, iterations, H, measured)
+    weighted_by = max(window.weights.sigma_point, SIGMA * residual)
     return Solved(
         window.at, knots, predicted, H, measured, plane_of[window.begins[-2] :], found, close, residual, count,
-        moved_by < window.weights.convergence,
+        moved_by < window.weights.convergence, (_SHARED * residual / weighted_by) ** 2 if found else 1.0,
     )  # fmt: skip
 
 
@@ -186,10 +208,12 @@ def _solve(
     moved, strayed = np.full(scans, np.inf), np.zeros(scans)  # since the equations, and the planes
     g, F, error, kernel = np.empty(n), np.empty((6, 6)), first_kernel - weights.kernel, first_kernel
     residual, found, close, moved_by, count = np.inf, 0, 0, np.inf, 0
-    while count < iterations and moved_by >= weights.convergence:
+    coarse = 1 if len(window.turns.information) else _COARSE
+    while count < iterations and (moved_by >= weights.convergence or count < 2):
         count += 1
         for s in range(scans):
             is_newest = s == scans - 1
+            every = coarse if is_newest and count == 1 else 1
             if moved[s] <= (weights.convergence if is_newest else _SETTLED):
                 continue
             own, first = slice(window.begins[s], window.begins[s + 1]), window.firsts[s]
@@ -198,11 +222,13 @@ def _solve(
                 strayed[s] = 0.0
             knots_of = slice(first, first + window.counts[s])
             result = point_equations(
-                window.points[own], window.seconds[own], window.at[knots_of], knots[knots_of], plane_of[own],
+                window.points[own], window.seconds[own], window.at[knots_of], knots[knots_of], plane_of[own], every,
                 window.surfels, window.oldest, error if is_newest else 0.0, kernel if is_newest else weights.kernel,
                 weights, own_H[s], own_g[s], own_F[s],
             )  # fmt: skip
             moved[s] = 0.0
+            if every > 1:
+                moved[s], strayed[s] = np.inf, np.inf  # all of its points are to be looked at
             if is_newest:
                 residual, found, close = result
                 kernel = min(kernel, max(weights.kernel, KERNEL * residual))

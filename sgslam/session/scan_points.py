@@ -15,7 +15,6 @@ from sgslam.registration.points import UNKNOWN
 from sgslam.registration.sampling import thinned
 from sgslam.types import TimedPoints, TrackedScan
 
-Floats = NDArray[np.float64]
 FILE = "scan_points.bin"  # in a run's folder, until it has finished
 _log = logging.getLogger(__name__)
 
@@ -61,11 +60,10 @@ class ScanPoints:
         self._end += len(record)
 
     def _opened(self) -> BinaryIO:
-        if self._file is not None:
-            return self._file
-        if self._path is None:
+        if self._file is None and self._path is None:
             self._file = cast(BinaryIO, tempfile.TemporaryFile(buffering=0))  # noqa: SIM115
-        else:
+        elif self._file is None:
+            assert self._path is not None
             self._file = cast(BinaryIO, os.fdopen(os.open(self._path, os.O_RDWR | os.O_CREAT, 0o644), "r+b", 0))
             os.ftruncate(self._file.fileno(), self._end)  # drops what an earlier run left beyond
         return self._file
@@ -77,10 +75,9 @@ class ScanPoints:
         for points, knots in self._counts:
             times = np.frombuffer(mapped, np.float64, points + knots, place)
             place += times.nbytes
-            own = np.frombuffer(mapped, np.float32, 6 * points, place).reshape(points, 6)
+            own: NDArray[Any] = np.frombuffer(mapped, np.float32, 6 * points, place).reshape(points, 6)
             place += own.nbytes
-            unknown = np.full(points, UNKNOWN, np.int32)
-            found.append(TimedPoints(cast(Floats, own), times[:points], times[points:], unknown))
+            found.append(TimedPoints(own, times[:points], times[points:], np.full(points, UNKNOWN, np.int32)))
         return found
 
     def drop(self) -> None:

@@ -9,14 +9,15 @@ from sgslam.backend import FactorEvent
 from sgslam.mapping import Anchors, Closure, KeyframeNode, Lines, PlannedWall, RoomNode, Scene, SeenLevel, SeenWall
 from sgslam.registration.beliefs import Belief
 from sgslam.session.scan_poses import ScanPose
+from sgslam.tracking.run_tracker import Losses
 from sgslam.types import Motion, RawScan, Registration, TimedPoints, TrackedScan, UnsteadyTurn
 
 TYPES: dict[str, type] = {
     kind.__name__: kind
     for kind in (
         AnchorEvent, AnchorRecord, Anchors, Belief, Closure, Door, FactorEvent, Floor, Hypothesis,
-        Keyframe, KeyframeNode, Lines, MapSize, MatchResult, Motion, PlannedWall, RawScan, Registration, Room, RoomNode,
-        ScanPose, Scene, SceneGraph, SeenLevel, SeenWall, TimedPoints, TrackedScan, UniqueMatch, UnsteadyTurn,
-        WallSurface,
+        Keyframe, KeyframeNode, Lines, Losses, MapSize, MatchResult, Motion, PlannedWall, RawScan, Registration,
+        Room, RoomNode, ScanPose, Scene, SceneGraph, SeenLevel, SeenWall, TimedPoints, TrackedScan, UniqueMatch,
+        UnsteadyTurn, WallSurface,
     )
 }  # fmt: skip

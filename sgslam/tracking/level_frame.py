@@ -12,7 +12,7 @@ from sgslam.perception.gravity import Gravity, find_gravity
 from sgslam.registration.motion import few_points
 from sgslam.serialization import Stateful
 from sgslam.surfels import SurfelMap
-from sgslam.types import RawScan, Registration
+from sgslam.types import TrackedScan
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -55,12 +55,12 @@ class LevelFrame(Stateful):
         T[:3, :3] = levelling(self.likely_up)
         return T
 
-    def add(self, raws: list[RawScan], results: list[Registration], measured_up: Floats | None) -> None:
-        """Looks for gravity when it is time, in all scans so far with their `results`.
+    def add(self, scans: list[TrackedScan], measured_up: Floats | None) -> None:
+        """Looks for gravity when it is time, in all scans so far, with poses in any frame.
 
         `measured_up` (3,) is up as an accelerometer shows it, in the frame of the first pose; None: not known yet.
         """
-        began_ns, stamp_ns = raws[0].stamp_ns, raws[-1].stamp_ns
+        began_ns, stamp_ns = scans[0].raw.stamp_ns, scans[-1].raw.stamp_ns
         if measured_up is not None:
             self._measured = self.likely_up = measured_up
         if stamp_ns - (began_ns if self._looked_ns is None else self._looked_ns) < _BETWEEN_NS:
@@ -70,15 +70,15 @@ class LevelFrame(Stateful):
         if self._measured is not None:
             self.sure = is_time
             return
-        seen = self._seen(raws, results)
+        seen = self._seen(scans)
         if seen is not None and seen.is_sure:
             self.likely_up = seen.up
             self.sure = is_time and self._tilt(seen.up) < _LIES
 
-    def settle(self, raws: list[RawScan], results: list[Registration]) -> None:
-        """Ends the search with all scans and their `results`; where nothing is found, up is where the mount says."""
+    def settle(self, scans: list[TrackedScan]) -> None:
+        """Ends the search with all scans; where nothing is found, up is where the mount says."""
         self.known = True
-        seen, measured = self._seen(raws, results), self._measured
+        seen, measured = self._seen(scans), self._measured
         if seen is None and measured is None:
             self.likely_up = self._expected
             _log.warning("the first seconds do not show the vertical, so the mount is taken for it; give --mount")
@@ -108,14 +108,12 @@ class LevelFrame(Stateful):
             f"{roll:.0f} and its pitch {pitch:.0f} degrees, approximately; correct --mount, or leave it out"
         )
 
-    def _seen(self, raws: list[RawScan], results: list[Registration]) -> Gravity | None:
+    def _seen(self, scans: list[TrackedScan]) -> Gravity | None:
         """What the surfaces of all scans show, in the frame of the first pose."""
-        if not results:
-            return None
-        surfels, T_first_odom = SurfelMap(), inverse(results[0].T_odom_sensor)
-        poses = [T_first_odom @ result.T_odom_sensor for result in results]
-        for raw, result, T_first_sensor in zip(raws, results, poses, strict=True):
-            surfels.add_scan(few_points(result, raw.points, self._settings), T_first_sensor)
+        surfels, T_first_odom = SurfelMap(), inverse(scans[0].T_odom_sensor)
+        poses = [T_first_odom @ scan.T_odom_sensor for scan in scans]
+        for scan, T_first_sensor in zip(scans, poses, strict=True):
+            surfels.add_scan(few_points(scan.registration, scan.raw.points, self._settings), T_first_sensor)
         places, measured = np.stack(poses)[:, :3, 3], self._measured
         if measured is not None:
             return find_gravity(surfels.surfels(), places, measured, True)

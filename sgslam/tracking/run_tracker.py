@@ -1,36 +1,40 @@
-"""Tracks all scans of a run, and starts again where the sensor was carried elsewhere. It knows nothing of the map."""
+"""Tracks all scans of a run in level frames, and begins another one where the sensor was carried elsewhere.
+
+It is a state machine, and knows nothing of the map.
+"""
 
 import logging
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from data import UserError
-from data.imu import ImuSamples
 from sgslam.config import Config
-from sgslam.geometry.frames import is_rigid
-from sgslam.inertial import ImuBuffer
-from sgslam.odometry import Odometry, make_odometry
-from sgslam.odometry.given_motion import GivenMotion
+from sgslam.geometry.frames import inverse
+from sgslam.inertial import MeasuredMotion, measured_up
+from sgslam.odometry import Odometry
+from sgslam.odometry.continuous_time import ContinuousTimeOdometry
+from sgslam.odometry.timed import TimedOdometry
 from sgslam.perception import checked_scan
-from sgslam.tracking.clock_offset import ClockOffset
-from sgslam.tracking.scan_tracker import ScanTracker
+from sgslam.tracking.level_frame import LevelFrame
+from sgslam.tracking.other_motion import OtherMotion
 from sgslam.types import RawScan, TrackedScan
 
 Floats = NDArray[np.float64]
+Mode = Literal["waiting", "tracking", "lost", "unconfirmed"]
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class CarriedElsewhere:
-    """The sensor was carried elsewhere: with the scan at `since_ns` another frame `odom` begins, and another map."""
+class Losses:
+    """Stamps: of the newest scan that was not lost; of the first of the newest lost ones, or the last before a pause;
+    of the first from where the sensor was found again; and of when that was, for the last time."""
 
-    since_ns: int
-
-
-TrackingStep: TypeAlias = TrackedScan | CarriedElsewhere
+    seen_ns: int | None = None
+    lost_ns: int | None = None
+    found_ns: int | None = None
+    again_ns: int | None = None
 
 
 @dataclass(frozen=True)
@@ -44,163 +48,239 @@ class TrackerNotes:
 
 
 class RunTracker:
-    """The tracker of a run: raw scans in, steps for the map out.
+    """The tracker of a run: raw scans in, tracked scans for the map out. What it does with a scan depends on its state:
 
-    The map may be elsewhere, in another process for instance: nothing comes back from it. `odometry` is that of the
-    settings by default; its poses are taken as those that come with scans. `imu` holds the newest samples of an IMU,
-    none without one. `newest_ns` is the stamp of the newest scan, None before the first.
+    - `waiting`, in the first seconds: the scan is registered and kept, until it is known where up is and what the
+      points' times are. Then all are given out: `tracking`.
+    - `tracking`: the scan is registered and given out. If it does not fit the local map: `lost`.
+    - `lost`: the scan is kept, and registered with the other lost ones. If it fits the local map: `tracking`, or, after
+      a longer loss, `unconfirmed`. If lost scans fit one another for some time, but not the map near the place where
+      the sensor was lost, it was carried elsewhere; so it counts where nothing was seen of its way for long, which is
+      no different. Then a new frame begins with them: `waiting`.
+    - `unconfirmed`: the scan is kept, as the sensor may be in another place that looks alike. After some time without a
+      loss all are given out: `tracking`.
+
+    The frame `odom` is level, with the first pose's place and heading. What the graph knows better, by the plan and by
+    loops, acts as T_map_odom and never moves `odom`. The map may be in another process: nothing comes back from it.
+    `newest_ns` is the stamp of the newest scan, None before the first, and `part` the number of frames before this one.
     """
 
+    _STATE = ("newest_ns", "part", "_advice", "_mode", "_kept", "_T_level_source", "_losses", "_other_ns")
+
     def __init__(self, config: Config, odometry: Odometry | None = None) -> None:
-        self._config, self._is_measured = config, config.odometry.given == "measured"
-        self._odometry = odometry or make_odometry(config)  # of others
-        self._come_with_poses: bool | None = None  # the scans; None before the first
-        self.imu, self._given = ImuBuffer(config.imu), GivenMotion(config.odometry)
-        self._clock = ClockOffset()
+        """`odometry` is that of the settings by default."""
+        self._config, self.motion = config, OtherMotion(config, odometry)
         self.newest_ns: int | None = None
-        self._tracker = ScanTracker(config, self.imu, self._given)
-        self._held: list[TrackedScan] = []  # the newest scans, while they are lost or unconfirmed
-        self._advice: list[str] = []  # of the trackers before
+        self.part, self._advice = 0, list[str]()  # the latter: of the frames before
+        self._begin()
+
+    def _begin(self) -> None:
+        """Begins a frame: nothing is known of where the sensor is."""
+        self._mode: Mode = "waiting"
+        self._kept: list[TrackedScan] = []  # that are not given out yet; while waiting, with poses of the odometry
+        self._odometry, self._level = self._another_odometry(), LevelFrame(self._config.tracking)
+        self._T_level_source = np.eye(4)  # from the frame in which poses come
+        self._losses = Losses()
+        self._other: TimedOdometry | None = None  # registers lost scans with one another
+        self._other_ns = 0  # the first of them
+        self._odometry.level(self._level.likely_up)  # as the mount says, until the surfaces do
+        self._odometry.hold()
+
+    def _another_odometry(self) -> TimedOdometry:
+        """An odometry that knows of no scan yet."""
+        settings = self._config.tracking
+
+        def make() -> ContinuousTimeOdometry:
+            return ContinuousTimeOdometry(settings, MeasuredMotion(self.motion.imu), self.motion.measured)
+
+        return TimedOdometry(make, settings.point_times, settings.stamp)
 
     def track(
         self, stamp_ns: int, points: NDArray[np.floating[Any]], point_times: Floats | None = None,
         T_odom_sensor: Floats | None = None, step_covariance: Floats | None = None,
-    ) -> list[TrackingStep]:  # fmt: skip
-        """The steps that a scan settles: none in the first seconds, until it is known where up is, and none while the
-        sensor is lost or unconfirmed, then all at once.
+    ) -> list[TrackedScan]:  # fmt: skip
+        """The scans that are given out, in their order; the first one of another frame `begins_elsewhere`.
 
         The arguments and what is raised are those of `SceneGraphSlam.add_scan`.
         """
-        raw = self._located(checked_scan(stamp_ns, points, point_times, T_odom_sensor, step_covariance, self.newest_ns))
-        if raw.T_odom_sensor is not None:
-            self._given.add(raw.stamp_ns, raw.T_odom_sensor, raw.step_covariance)
-            if self._is_measured:
-                raw = replace(raw, T_odom_sensor=None, step_covariance=None)  # it is registered
-        steps = self._judged(self._tracker.track(raw))
+        raw = checked_scan(stamp_ns, points, point_times, T_odom_sensor, step_covariance, self.newest_ns)
+        given_out = self._taken(self.motion.located(raw))
         self.newest_ns = raw.stamp_ns
-        kept = self._tracker.waiting or [scan.raw for scan in self._held] or [raw]
-        self.imu.forget(kept[0].stamp_ns)
-        return steps
+        self.motion.imu.forget(self._kept[0].raw.stamp_ns if self._kept else raw.stamp_ns)
+        return given_out
 
-    def _located(self, raw: RawScan) -> RawScan:
-        """A scan that comes without a pose, with that of the odometry of others. Raises UserError where only some scans
-        come with poses: these are in another frame than the odometry's."""
-        has_pose = raw.T_odom_sensor is not None
-        is_registered = self._is_measured and self._odometry is None
-        if self._come_with_poses not in (None, has_pose) and not is_registered:
-            raise UserError(
-                f"scan at {raw.stamp_ns} ns: has {'a' if has_pose else 'no'} T_odom_sensor, unlike those before; give "
-                "it for all scans or for none, or set odometry.given=measured (with odometry.method=continuous_time)"
-            )
-        self._come_with_poses = has_pose
-        if has_pose or self._odometry is None:
-            return raw
-        pose = self._odometry.locate(raw.stamp_ns, raw.points, raw.point_times)
-        if not is_rigid(pose):
-            raise UserError(f"scan at {raw.stamp_ns} ns: the odometry's pose must be a finite rigid motion (4, 4)")
-        return replace(raw, T_odom_sensor=pose)
+    def release(self) -> list[TrackedScan]:
+        """All scans that are kept: the run ends."""
+        given_out = list[TrackedScan]()
+        while self._mode == "waiting" and self._kept:
+            given_out += self._settle()
+        return [*given_out, *self._give_out()]
 
-    def release(self) -> list[TrackingStep]:
-        """The steps of all scans that wait or are held back."""
-        steps: list[TrackingStep] = []
-        while self.newest_ns is not None and (waiting := self._tracker.release()):
-            steps += self._judged(waiting)
-        return [*steps, *self._released()]
+    def _taken(self, raw: RawScan) -> list[TrackedScan]:
+        """The scans that a scan with all that is known of it makes ready."""
+        if raw.T_odom_sensor is None:
+            found = self._odometry.register(raw.stamp_ns, raw.points, raw.point_times)
+        else:
+            found = self.motion.given.newest(raw.point_times)
+        if self._mode != "waiting":
+            return self._followed([TrackedScan(raw, found, self._T_level_source @ found.T_odom_sensor)])
+        self._kept.append(TrackedScan(raw, found, found.T_odom_sensor))
+        if raw.T_odom_sensor is None:  # another odometry may be the better one by now
+            self._kept = _with_results(self._kept, self._odometry.held)
+        self._level.add(self._kept, self._measured_up())
+        self._odometry.level(self._level.likely_up)
+        lasted = raw.stamp_ns - self._kept[0].raw.stamp_ns
+        is_known = self._level.sure and (raw.T_odom_sensor is not None or self._odometry.kind is not None)
+        return self._settle() if is_known or lasted >= 1e9 * self._config.tracking.gravity_until else []
 
-    def _released(self) -> list[TrackedScan]:
-        """The scans that were held back, the lost ones at their predicted poses: it is sure by now where the sensor is,
-        or the run ends."""
-        held, self._held = self._held, []
-        lost = [scan.raw.stamp_ns / 1e9 for scan in held if scan.health == "lost"]
+    def _measured_up(self) -> Floats | None:
+        """(3,) up by the accelerometer in the frame of the first pose, once it shows more than the carrier's steps."""
+        T_first_odom = inverse(self._kept[0].T_odom_sensor)
+        poses = np.stack([T_first_odom @ scan.T_odom_sensor for scan in self._kept])
+        return measured_up(self.motion.imu, np.array([scan.raw.stamp_ns for scan in self._kept]), poses)
+
+    def _settle(self) -> list[TrackedScan]:
+        """Ends waiting: if up is not known yet, it is where the mount says."""
+        self._kept = _with_results(self._kept, self._odometry.release())
+        self._level.settle(self._kept)
+        self._T_level_source = self._T_level_now()
+        self._odometry.level(self._T_level_source[2, :3])
+        waited, self._kept = self._kept, []
+        waited = [replace(scan, T_odom_sensor=self._T_level_source @ scan.T_odom_sensor) for scan in waited]
+        self._mode = "tracking"
+        return self._followed([replace(waited[0], begins_elsewhere=self.part > 0), *waited[1:]])
+
+    def _T_level_now(self) -> Floats:  # noqa: N802
+        """(4, 4) from the frame in which poses come while scans wait, as far as it is known where up is."""
+        return self._level.T_level_first @ inverse(self._kept[0].T_odom_sensor)
+
+    def _followed(self, scans: list[TrackedScan]) -> list[TrackedScan]:
+        """The scans that newly registered ones make ready."""
+        given_out = list[TrackedScan]()
+        for number, scan in enumerate(scans):
+            elsewhere_ns = None
+            if scan.raw.T_odom_sensor is not None:  # which says where the sensor is
+                self._mode = "lost" if scan.health == "lost" else "tracking"
+            else:
+                elsewhere_ns = self._lose(scan) if scan.health == "lost" else self._find(scan)
+            if elsewhere_ns is not None:
+                return [*given_out, *self._begin_elsewhere(elsewhere_ns, scans[number:])]
+            self.motion.compare_clock(scan)
+            self._kept.append(scan)
+            if self._mode == "tracking":
+                given_out += self._give_out()
+        return given_out
+
+    def _lose(self, scan: TrackedScan) -> int | None:
+        """Takes a scan that does not fit the map; since when the sensor is elsewhere, None where it is not."""
+        raw, known, self._mode = scan.raw, self._losses, "lost"
+        if known.lost_ns is None:
+            since_ns = known.seen_ns if scan.registration.is_after_pause else None
+            known = self._losses = replace(known, lost_ns=raw.stamp_ns if since_ns is None else since_ns)
+        if self._other is None:
+            self._other, self._other_ns = self._another_odometry(), raw.stamp_ns
+        if self._other.register(raw.stamp_ns, raw.points, raw.point_times).health == "lost":
+            self._other = None
+            return None
+        if raw.stamp_ns - self._other_ns < 1e9 * self._config.tracking.kidnapped:
+            return None
+        found_ns = self._other_ns if known.found_ns is None else known.found_ns
+        if self._is_unseen(self._other_ns) or not self._odometry.rejoin(self._other):
+            return found_ns
+        self._losses, self._other = replace(known, found_ns=found_ns), None
+        return None
+
+    def _find(self, scan: TrackedScan) -> int | None:
+        """Takes a scan that fits the map; since when the sensor is elsewhere, None where it is not."""
+        stamp_ns, known, settings = scan.raw.stamp_ns, self._losses, self._config.tracking
+        if scan.registration.is_after_pause and known.lost_ns is None:
+            known = self._losses = replace(known, lost_ns=known.seen_ns)
+        is_unseen, again_ns, found_ns = self._is_unseen(stamp_ns), known.again_ns, known.found_ns
+        if known.lost_ns is not None and stamp_ns - known.lost_ns >= 1e9 * settings.kidnapped:
+            again_ns, found_ns = stamp_ns, stamp_ns if found_ns is None else found_ns
+        elif again_ns is not None and stamp_ns - again_ns > 1e9 * settings.unconfirmed:
+            again_ns, found_ns = None, None
+        self._other, self._losses = None, Losses(stamp_ns, None, found_ns, again_ns)
+        self._mode = "tracking" if again_ns is None else "unconfirmed"
+        return (stamp_ns if found_ns is None else found_ns) if is_unseen else None
+
+    def _is_unseen(self, stamp_ns: int) -> bool:
+        """Whether the sensor was lost for so long that it may be in another room by now, which looks the same."""
+        lost_ns = self._losses.lost_ns
+        return lost_ns is not None and stamp_ns - lost_ns >= 1e9 * self._config.tracking.unseen
+
+    def _give_out(self) -> list[TrackedScan]:
+        """The scans that were kept, the lost ones at their predicted poses: it is sure by now where the sensor is, or
+        the run ends."""
+        kept, self._kept = self._kept, []
+        lost = [scan.raw.stamp_ns / 1e9 for scan in kept if scan.health == "lost"]
         if lost:
             _log.warning("scans at %.2f to %.2f s are lost: %d poses are predicted", lost[0], lost[-1], len(lost))
-        return held
+        return kept
 
-    @property
-    def held(self) -> TrackedScan | None:
-        """The newest scan, while it is held back as the sensor is lost, or was so long ago that it may be elsewhere."""
-        return self._held[-1] if self._held else None
-
-    def add_imu(self, stamp_ns: int | NDArray[np.int64], gyro: Floats, accel: Floats) -> None:
-        """See `SceneGraphSlam.add_imu`."""
-        stamps = np.atleast_1d(np.asarray(stamp_ns, np.int64))
-        newest = self.imu.newest_ns
-        try:
-            samples = ImuSamples(
-                stamps, np.atleast_2d(np.asarray(gyro, float)), np.atleast_2d(np.asarray(accel, float))
-            )
-        except ValueError as error:
-            raise UserError(f"{error}; give (3,) of each in rad/s and m/s2, in the order of their stamps") from None
-        if newest is not None and len(stamps) and stamps[0] <= newest:
-            raise UserError(f"IMU at {stamps[0]} ns: stamps must increase; the last was {newest} ns")
-        if len(stamps):
-            self.imu.add(samples)
+    def _begin_elsewhere(self, since_ns: int, newest: list[TrackedScan]) -> list[TrackedScan]:
+        """Begins another frame with the scans since the sensor was carried elsewhere, and the `newest` ones; those
+        before stay with the frame before."""
+        again = [scan.raw for scan in (*self._kept, *newest) if scan.raw.stamp_ns >= since_ns]
+        self._kept = [scan for scan in self._kept if scan.raw.stamp_ns < since_ns]
+        given_out = self._give_out()
+        self._advice, self.part = self.advice, self.part + 1
+        self.motion.interrupt()
+        self._begin()
+        for raw in again:
+            given_out += self._taken(raw)
+        return given_out
 
     @property
     def waiting(self) -> Floats | None:
         """(4, 4) T_odom_sensor of the newest scan that waits until it is known where up is, as far as known; None if
         none does."""
-        return self._tracker.newest
+        is_waiting = self._mode == "waiting" and self._kept
+        return self._T_level_now() @ self._kept[-1].T_odom_sensor if is_waiting else None
+
+    @property
+    def held(self) -> TrackedScan | None:
+        """The newest scan, while it is kept as the sensor is lost, or was so long ago that it may be elsewhere."""
+        return self._kept[-1] if self._mode != "waiting" and self._kept else None
 
     @property
     def advice(self) -> list[str]:
         """Lines where the stated mount, or the clock of what else measures the motion, proves wrong."""
-        return [*self._advice, *(line for line in (self._tracker.advice, self._clock.advice) if line)]
+        newest = (self._level.advice, self.motion.advice)
+        return [*self._advice, *(line for line in newest if line and line not in self._advice)]
 
     @property
     def notes(self) -> TrackerNotes:
         """What is known so far."""
-        return TrackerNotes(tuple(self.advice), self._tracker.is_way_up_assumed, self.imu.newest_ns is not None)
-
-    def _judged(self, tracked: list[TrackedScan]) -> list[TrackingStep]:
-        """Tracked scans as steps, up to the one that shows that the sensor was carried elsewhere."""
-        steps: list[TrackingStep] = []
-        for number, found in enumerate(tracked):
-            scan, since_ns = self._tracker.judged(found)
-            if since_ns is not None:
-                return [*steps, *self._begin_elsewhere(since_ns, tracked[number:])]
-            self._compare_clocks(scan)
-            self._held.append(scan)
-            if not scan.waits:
-                steps += self._released()
-        return steps
-
-    def _compare_clocks(self, scan: TrackedScan) -> None:
-        has_imu = self.imu.newest_ns is not None
-        other, name = (self.imu, "the IMU") if has_imu else (self._given, "the given poses")
-        if scan.health != "lost" and (has_imu or self._is_measured):
-            self._clock.add(scan.raw.stamp_ns, scan.T_odom_sensor[:3, :3], other, name)
-        else:
-            self._clock.lose()
-
-    def _begin_elsewhere(self, since_ns: int, newest: list[TrackedScan]) -> list[TrackingStep]:
-        """Tracks the scans since the sensor was carried elsewhere, and the `newest` ones, from the beginning."""
-        again = [scan.raw for scan in (*self._held, *newest) if scan.raw.stamp_ns >= since_ns]
-        self._held = [scan for scan in self._held if scan.raw.stamp_ns < since_ns]  # they stay with the map before
-        steps: list[TrackingStep] = [*self._released(), CarriedElsewhere(since_ns)]
-        self._advice = [*self._advice, *([line] if (line := self._tracker.advice) else [])]
-        self._tracker = ScanTracker(self._config, self.imu, self._given)
-        self._clock.lose()
-        for raw in again:
-            steps += self._judged(self._tracker.track(raw))
-        return steps
+        has_imu = self.motion.imu.newest_ns is not None
+        return TrackerNotes(tuple(self.advice), self._level.is_way_up_assumed, has_imu)
 
     def state(self) -> dict[str, Any]:
         """The complete state as a tree (see `state_tree`); not a copy."""
         return {
-            "newest_ns": self.newest_ns, "held": self._held, "advice": self._advice, "imu": self.imu.state(),
-            "tracker": self._tracker.state(), "clock": self._clock.state(), "given": self._given.state(),
-            "odometry": None if self._odometry is None else self._odometry.state(), "posed": self._come_with_poses,
+            **{name: getattr(self, name) for name in self._STATE}, "motion": self.motion.state(),
+            "odometry": self._odometry.state(), "level": self._level.state(),
+            "other": None if self._other is None else self._other.state(),
         }  # fmt: skip
 
     def restore(self, state: dict[str, Any]) -> None:
         """Restores a tree that `state` returned. Raises KeyError, TypeError or ValueError if it does not fit."""
-        self.imu.restore(state["imu"])
-        self._given.restore(state["given"])
-        if self._odometry is not None:
-            self._odometry.restore(state["odometry"])
-        self._come_with_poses = state["posed"]
-        self._tracker = ScanTracker(self._config, self.imu, self._given)
-        self._tracker.restore(state["tracker"])
-        self._clock.restore(state["clock"])
-        self.newest_ns, self._held, self._advice = state["newest_ns"], state["held"], state["advice"]
+        self._begin()
+        for name in self._STATE:
+            setattr(self, name, state[name])
+        self.motion.restore(state["motion"])
+        self._odometry.restore(state["odometry"])
+        self._level.restore(state["level"])
+        if state["other"] is not None:
+            self._other = self._another_odometry()
+            self._other.restore(state["other"])
+
+
+def _with_results(scans: list[TrackedScan], results: list[Any]) -> list[TrackedScan]:
+    """The scans with other registrations, as far as these are known."""
+    if len(results) != len(scans):
+        return scans
+    return [
+        replace(scan, registration=found, T_odom_sensor=found.T_odom_sensor)
+        for scan, found in zip(scans, results, strict=True)
+    ]

@@ -10,14 +10,13 @@ from data.plans import Bim, load_bim
 from data.scans import ScanSource
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
-from matching.matcher import make_ready
 from sgslam.anchoring import check_storey
-from sgslam.cli.compile_ahead import compile_ahead
 from sgslam.cli.job.arguments import Start, read_start
 from sgslam.cli.job.scan_inputs import ScanInputs
 from sgslam.config import Config
 from sgslam.report import associate
 from sgslam.session import PriorMap
+from sgslam.warm_up import compile_ahead
 
 
 class MatcherWithStart:
@@ -86,11 +85,8 @@ def read_job(options: argparse.Namespace, scan_inputs: ScanInputs) -> Job:
     if bim is not None:
         check_storey(bim.graph, options.storey)
     read, spent = perf_counter() - began, process_time() - cpu_began
-    is_matched = bim is not None or prior is not None
-    if not scan_inputs.is_passed:
-        compile_ahead(matcher, config.matching.method if is_matched else None)  # not counted in the run's time
-    elif is_matched:
-        make_ready(matcher, config.matching.method)
+    if not scan_inputs.is_passed:  # else the process that passes them has compiled
+        compile_ahead().wait()  # not counted in the run's time
     began, cpu_began = perf_counter() - read, process_time() - spent
     return Job(
         options, scan_inputs, start, MatcherWithStart(matcher, start), prior, truth, bim, began, cpu_began, seconds

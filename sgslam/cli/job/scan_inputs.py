@@ -15,7 +15,7 @@ from sgslam.cli.job.arguments import out_folder, read_config, read_start, with_s
 from sgslam.cli.job.resume_arguments import restore_arguments
 from sgslam.config import Config
 from sgslam.odometry.external import ExternalOdometry
-from sgslam.perception.first_scans import in_metres_and_sensor_frame
+from sgslam.perception.scan_checks import in_metres_and_sensor_frame
 
 
 class PassedScans(ScanSource):

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from time import perf_counter
 from types import FrameType
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +17,31 @@ from data.imu import ImuSamples
 from data.scans import ScanSource
 from sgslam.odometry.external import ExternalOdometry
 from sgslam.session import Checkpoints, Update
+from sgslam.session.checkpoints import Resumable
 from sgslam.slam import SceneGraphSlam
-
-if TYPE_CHECKING:
-    from sgslam.cli.processes.tracking_side import TrackingSide
 
 _SCAN_NS = 200_000_000  # as long as a scan lasts at most, from its stamp on
 
-Slam: TypeAlias = "SceneGraphSlam | TrackingSide"
 ScanCallback: TypeAlias = Callable[[SceneGraphSlam, Update, NDArray[np.float64]], None]
+
+
+class TakesScans(Resumable, Protocol):
+    """`SceneGraphSlam`, or what takes its place where another process builds the map."""
+
+    @property
+    def add_scan(self) -> Callable[..., Any]:
+        """See `SceneGraphSlam.add_scan`."""
+        ...
+
+    @property
+    def add_imu(self) -> Callable[..., None]:
+        """See `SceneGraphSlam.add_imu`."""
+        ...
+
+    @property
+    def newest_imu_ns(self) -> int | None:
+        """The stamp of the newest IMU sample; None before the first."""
+        ...
 
 
 @dataclass
@@ -76,7 +92,7 @@ def interruptible() -> Iterator[Interruption]:
 
 
 def run_scans(
-    slam: Slam, scans: ScanSource, progress: Progress, checkpoints: Checkpoints,
+    slam: TakesScans, scans: ScanSource, progress: Progress, checkpoints: Checkpoints,
     odometry: ExternalOdometry | None = None, on_scan: Sequence[ScanCallback] = (),
     imu: ImuSamples | None = None,
 ) -> str | None:  # fmt: skip
@@ -104,10 +120,10 @@ def run_scans(
                 _add_imu(slam, imu, scan.stamp_ns)
                 T_odom_sensor = scan.T_odom_sensor if odometry is None else odometry.at(scan.stamp_ns)
                 step = scan.step_covariance if odometry is None else None
-                taken = slam.add_scan(scan.stamp_ns, scan.points, scan.point_times, T_odom_sensor, step)
-                if isinstance(slam, SceneGraphSlam) and isinstance(taken, Update):
-                    for watcher in on_scan:
-                        watcher(slam, taken, scan.points)
+                update = slam.add_scan(scan.stamp_ns, scan.points, scan.point_times, T_odom_sensor, step)
+                for watcher in on_scan:
+                    assert isinstance(slam, SceneGraphSlam)
+                    watcher(slam, update, scan.points)
                 progress.index, progress.fed = scan.index, progress.fed + 1
                 bar.update(task, completed=scan.index + 1)
                 began = perf_counter()
@@ -122,7 +138,7 @@ def run_scans(
     return None
 
 
-def _add_imu(slam: Slam, imu: ImuSamples | None, stamp_ns: int) -> None:
+def _add_imu(slam: TakesScans, imu: ImuSamples | None, stamp_ns: int) -> None:
     """Adds the samples until the end of a scan that were not added yet."""
     if imu is None:
         return

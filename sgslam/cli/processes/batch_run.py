@@ -5,7 +5,6 @@ import gc
 import logging
 from typing import Any
 
-from sgslam.cli.compile_ahead import compile_ahead
 from sgslam.cli.job.arguments import default_out
 from sgslam.cli.job.run import interrupted
 from sgslam.cli.job.scan_inputs import read_scan_inputs
@@ -14,6 +13,7 @@ from sgslam.cli.processes.mapping_process import MappingProcess
 from sgslam.cli.processes.messages import MapInputs
 from sgslam.cli.processes.tracking_side import SentCheckpoints, TrackingSide
 from sgslam.session.checkpoints import load
+from sgslam.warm_up import compile_ahead
 
 
 def run_in_two_processes(options: argparse.Namespace, mapping: MappingProcess) -> dict[str, Any]:
@@ -24,14 +24,14 @@ def run_in_two_processes(options: argparse.Namespace, mapping: MappingProcess) -
     try:
         inputs = read_scan_inputs(options)
         options.out = options.out or default_out()
+        compile_ahead().wait()
         mapping.begin(MapInputs(options, inputs.passed()))
-        compile_ahead(None, None)  # while that process reads the building
         mapping.wait_until_ready()
         logging.getLogger("sgslam").setLevel(logging.INFO)  # that process decides what is printed
         side = TrackingSide(inputs.config, mapping)
         gc.freeze()  # what is loaded stays: the garbage collector need not scan it
         progress = Progress() if inputs.resumed_from is None else Progress(**load(options.out, side))
-        checkpoints = SentCheckpoints(options.out, mapping)
+        checkpoints = SentCheckpoints(options.out, {})
         scans = inputs.scans
         stopped = run_scans(side, scans, progress, checkpoints, inputs.external_odometry, (), inputs.imu)
     except BaseException:

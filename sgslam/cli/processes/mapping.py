@@ -1,4 +1,4 @@
-"""The process that maps: it takes the tracker's steps in their order, and writes the results at the end."""
+"""The process that maps: it takes tracked scans in their order, and writes the results at the end."""
 
 import os
 import pickle
@@ -18,7 +18,7 @@ _NICENESS = 5  # so that the tracker of a live run, which must answer in time, c
 
 
 def map_scans(receiver: Connection, sender: Connection) -> None:
-    """The work of the process: `MapInputs` and calls of `RunMap` in, a `MapState` after each step, and the content of
+    """The work of the process: `MapInputs` and calls of `RunMap` in, a `MapState` after each scan, and the content of
     metrics.json at the end. A UserError is sent instead where there is one."""
     from threadpoolctl import threadpool_limits
 

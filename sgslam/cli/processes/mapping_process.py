@@ -19,7 +19,7 @@ _log = logging.getLogger(__name__)
 class MappingProcess:
     """Starts the process, which loads what it needs meanwhile; `begin` and `wait_until_ready` come before all else.
 
-    At most `most_waiting` steps wait there; `put` then waits for one to be done: nothing is dropped, and there is a
+    At most `most_waiting` scans wait there; `put` then waits for one to be done: nothing is dropped, and there is a
     line in the log if it `warns`. `state` is the newest state of the map.
     """
 
@@ -57,8 +57,8 @@ class MappingProcess:
 
     @property
     def waiting(self) -> int:
-        """How many steps are not in the map yet."""
-        return self._put - self.state.steps
+        """How many scans are not in the map yet."""
+        return self._put - self.state.scans
 
     def put(self, call: str, **arguments: Any) -> None:
         """Has the process call a method of its `RunMap`. Raises UserError if it has ended."""
@@ -70,7 +70,7 @@ class MappingProcess:
         self._messages.put(packed)
 
     def finish(self, **told: Any) -> dict[str, Any]:
-        """Waits until all steps are in the map and the results are written; returns the content of metrics.json.
+        """Waits until all scans are in the map and the results are written; returns the content of metrics.json.
         Raises UserError."""
         self.put("finish", **told)
         self.end()

@@ -40,10 +40,10 @@ class MapInputs:
 
 @dataclass(frozen=True, eq=False)
 class MapState:
-    """The state of the map after `steps` steps; the names are those of `Answer`. `anchors` None: as before.
+    """The state of the map after so many `scans`; the names are those of `Answer`. `anchors` None: as before.
     `checkpoint_s` is how long the last checkpoint took."""
 
-    steps: int = 0
+    scans: int = 0
     part: int = 0
     T_map_odom: Floats = field(default_factory=lambda: np.eye(4))
     T_bim_map: Floats | None = None

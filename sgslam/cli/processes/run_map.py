@@ -1,4 +1,4 @@
-"""The map of a run in its output folder: it is built from the steps of a tracker in another process."""
+"""The map of a run in its output folder: it is built from scans that another process tracks."""
 
 import logging
 import threading
@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 from data.common.errors import UserError
 from data.plans.bim import IFC_SUFFIXES
 from data.scans.scan import SkippedScan
+from matching.matcher import make_ready
 from sgslam.cli.job.arguments import out_folder
 from sgslam.cli.job.inputs import read_job
 from sgslam.cli.job.run import Run
 from sgslam.cli.processes.messages import HeldAnchor, MapInputs, MapState, Pose2
 from sgslam.slam import SceneGraphSlam
-from sgslam.tracking import TrackerNotes, TrackingStep
+from sgslam.tracking import TrackerNotes
+from sgslam.types import TrackedScan
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -38,22 +40,24 @@ class RunMap:
         self._run, self._matcher = Run(job, out_folder(inputs.options), tracks=False), job.matcher
         if job.bim is not None and job.bim.path is not None and job.bim.path.suffix.lower() in IFC_SUFFIXES:
             threading.Thread(target=_elements_ahead, args=(job.bim.path,), daemon=True).start()
-        self._steps, self._checkpoint_s = 0, 0.0
+        if inputs.outlives and (job.bim is not None or job.prior_map is not None):  # live: matching is not to stall
+            make_ready(job.matcher)
+        self._mapped, self._checkpoint_s = 0, 0.0
         self._anchors: tuple[HeldAnchor, ...] = ()
 
     @property
     def _slam(self) -> SceneGraphSlam:
         return self._run.slam
 
-    def add(self, step: TrackingStep, notes: TrackerNotes) -> MapState:
-        """Adds a step of the tracker, with its notes then; returns the state of the map."""
-        self._slam.add_tracked(step, notes)
-        self._steps += 1
+    def add(self, scan: TrackedScan, notes: TrackerNotes) -> MapState:
+        """Adds a tracked scan, with the tracker's notes then; returns the state of the map."""
+        self._slam.add_tracked(scan, notes)
+        self._mapped += 1
         slam, anchors = self._slam, _held(self._slam)
         changed = anchors != self._anchors
         self._anchors = anchors
         return MapState(
-            self._steps, slam.kidnaps, slam.T_map_odom, slam.T_bim_map, anchors if changed else None,
+            self._mapped, slam.kidnaps, slam.T_map_odom, slam.T_bim_map, anchors if changed else None,
             slam.newest_mapped_ns, slam.keyframes, self._checkpoint_s,
         )  # fmt: skip
 
@@ -68,7 +72,7 @@ class RunMap:
         logging.getLogger(name).log(level, "%s", text)
 
     def save(self, tracking: dict[str, Any], progress: dict[str, Any]) -> None:
-        """Writes a checkpoint, with the states of the tracker and of `Progress` after the steps so far."""
+        """Writes a checkpoint, with the states of the tracker and of `Progress` after the scans so far."""
         began = perf_counter()
         self._run.take_progress(progress)
         self._run.checkpoints.write(self._slam, self._run.progress.to_dict(), tracking=tracking)

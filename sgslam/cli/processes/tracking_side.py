@@ -1,8 +1,7 @@
-"""The side of the process that tracks: scans in, their steps to the process that maps."""
+"""The side of the process that tracks: scans in, tracked ones to the process that maps."""
 
 import logging
 from contextlib import suppress
-from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
 
@@ -13,8 +12,8 @@ from data.common.errors import UserError
 from sgslam.cli.processes.mapping_process import MappingProcess
 from sgslam.config import Config
 from sgslam.session import Checkpoints
-from sgslam.session.checkpoints import Resumable
-from sgslam.tracking import RunTracker, TrackingStep
+from sgslam.tracking import RunTracker
+from sgslam.types import TrackedScan
 
 Floats = NDArray[np.float64]
 
@@ -33,7 +32,7 @@ class LogLines(logging.Handler):
 
 
 class TrackingSide:
-    """Tracks scans, and hands each step over to a `mapping` process that is ready."""
+    """Tracks scans, and hands each over to a `mapping` process that is ready."""
 
     def __init__(self, config: Config, mapping: MappingProcess) -> None:
         self.tracking, self.mapping = RunTracker(config), mapping
@@ -44,30 +43,30 @@ class TrackingSide:
     def add_scan(
         self, stamp_ns: int, points: NDArray[np.floating[Any]], point_times: Floats | None = None,
         T_odom_sensor: Floats | None = None, step_covariance: Floats | None = None,
-    ) -> list[TrackingStep]:  # fmt: skip
-        """The steps that a scan settles; see `RunTracker.track`."""
+    ) -> list[TrackedScan]:  # fmt: skip
+        """See `RunTracker.track`."""
         began = perf_counter()
-        steps = self.tracking.track(stamp_ns, points, point_times, T_odom_sensor, step_covariance)
+        scans = self.tracking.track(stamp_ns, points, point_times, T_odom_sensor, step_covariance)
         self._seconds += perf_counter() - began
-        self._hand_over(steps)
-        return steps
+        self._hand_over(scans)
+        return scans
 
     def add_imu(self, stamp_ns: int | NDArray[np.int64], gyro: Floats, accel: Floats) -> None:
         """See `SceneGraphSlam.add_imu`."""
-        self.tracking.add_imu(stamp_ns, gyro, accel)
+        self.tracking.motion.add_imu(stamp_ns, gyro, accel)
 
     @property
     def newest_imu_ns(self) -> int | None:
         """The stamp of the newest IMU sample; None before the first."""
-        return self.tracking.imu.newest_ns
+        return self.tracking.motion.imu.newest_ns
 
     @property
     def keyframes(self) -> int:
-        """The number of keyframes so far, as far as known here."""
+        """The number of keyframes that are known to be in the map."""
         return self.mapping.state.keyframes
 
     def state(self) -> dict[str, Any]:
-        """The state of the tracker; not a copy."""
+        """The tracker's part of a run's state."""
         return self.tracking.state()
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -78,32 +77,26 @@ class TrackingSide:
         """Hands over all scans that wait, and what is `told` (see `RunMap.finish`); returns the content of metrics.json
         once the results are written. Raises UserError."""
         began = perf_counter()
-        steps = self.tracking.release()
+        scans = self.tracking.release()
         self._seconds += perf_counter() - began
         try:
-            self._hand_over(steps)
+            self._hand_over(scans)
         finally:
             logging.getLogger("sgslam").removeHandler(self._lines)
         return self.mapping.finish(seconds=self._seconds, cpu_seconds=process_time() - self._cpu_began, **told)
 
-    def _hand_over(self, steps: list[TrackingStep]) -> None:
-        for step in steps:
-            self.mapping.put("add", step=step, notes=self.tracking.notes)
+    def _hand_over(self, scans: list[TrackedScan]) -> None:
+        for scan in scans:
+            self.mapping.put("add", scan=scan, notes=self.tracking.notes)
 
 
 class SentCheckpoints(Checkpoints):
     """Has the process that maps write the checkpoints, with the state of the tracker."""
 
-    def __init__(self, folder: Path, mapping: MappingProcess) -> None:
-        super().__init__(folder, {})
-        self._mapping = mapping
-
-    def write(
-        self, slam: Resumable, progress: dict[str, Any], finished: bool = False, tracking: dict[str, Any] | None = None
-    ) -> bool:  # fmt: skip
-        """Sends the state of a `TrackingSide` after the steps so far."""
+    def write(self, slam: TrackingSide, progress: dict[str, Any]) -> bool:  # type: ignore[override]
+        """Sends the state of the tracker after the scans so far."""
         began = perf_counter()
-        self._mapping.put("save", tracking=slam.state(), progress=progress)
+        slam.mapping.put("save", tracking=slam.state(), progress=progress)
         self._written = perf_counter()
-        self._took = max(self._written - began, self._mapping.state.checkpoint_s)
+        self._took = max(self._written - began, slam.mapping.state.checkpoint_s)
         return True

@@ -22,7 +22,7 @@ from sgslam.odometry.timed import Kind, TimedOdometry
 from sgslam.registration.motion import pose_at
 from sgslam.registration.sampling import thinned
 from sgslam.registration.smoothing import smoothed
-from sgslam.tracking import CarriedElsewhere, RunTracker
+from sgslam.tracking import RunTracker
 from sgslam.types import Motion, Registration
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -113,10 +113,11 @@ def test_a_pause_in_the_scans_counts_as_lost(standing: Standing, pause: float, w
     tracker, points = RunTracker(Config()), standing[1]
     tracker.restore(deepcopy(standing[0].state()))
     stamps = [round((5.9 + pause + k / 10) * 1e9) for k in range(20)]
-    steps = [step for stamp in stamps for step in tracker.track(stamp, points, np.zeros(len(points)))]
-    parts = [step.since_ns / 1e9 for step in steps if isinstance(step, CarriedElsewhere)]
+    found = [own for stamp in stamps for own in tracker.track(stamp, points, np.zeros(len(points)))]
+    is_held = tracker.held is not None
+    parts = [own.raw.stamp_ns / 1e9 for own in (*found, *tracker.release()) if own.begins_elsewhere]
     assert parts == ([pytest.approx(5.9 + pause, abs=0.15)] if is_new_part else [])
-    assert (tracker.held is not None) == waits
+    assert is_held == waits
 
 
 def test_scans_that_always_come_rarely_are_no_pauses(drive: Drive) -> None:

@@ -153,7 +153,7 @@ def test_of_a_sensor_that_does_not_turn_once_around_every_scan_is_in_the_order_o
     clear, unclear = OTHERS["Mid-360"], shuffled(OTHERS["Mid-360"])
     middle, even = np.full(len(unclear), PERIOD / 2), np.arange(len(unclear)) * (PERIOD / len(unclear))
     for before, times in ((clear, even), (spun()[0], middle), (unclear, middle)):
-        told = timed(before).times_of(unclear, None)
+        told = timed(before).register(11 * 10**8, unclear).point_times
         assert told is not None and np.allclose(told, times)
 
 
@@ -162,7 +162,8 @@ def test_guessed_times_are_seconds_after_the_instant_that_is_stamped(stamped: St
     """Those of a snapshot are all the stamp's."""
     points, times = spun()
     odometry = timed(points, "order", stamped)
-    told, mixed = odometry.times_of(points, None), odometry.times_of(shuffled(points), None)
+    told = odometry.register(11 * 10**8, points).point_times
+    mixed = odometry.register(12 * 10**8, shuffled(points)).point_times
     assert told is not None and told == pytest.approx(begin + times, abs=1e-6)
     assert mixed is not None and np.all(mixed == begin + PERIOD / 2)
     assert timed(points, "snapshot", stamped).register(2 * 10**9, points).point_times is None

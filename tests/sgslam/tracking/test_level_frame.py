@@ -15,7 +15,7 @@ from sgslam.config import TrackingSettings
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.perception.gravity import Gravity, find_gravity
 from sgslam.tracking.level_frame import LevelFrame
-from sgslam.types import RawScan
+from sgslam.types import RawScan, TrackedScan
 
 NS = 1_000_000_000
 EXPECTED = np.array([0.0, 0.0, 1.0])
@@ -98,13 +98,13 @@ def test_few_surfaces_tell_nothing() -> None:
 def settled(R_upright_sensor: Array, mount: Degrees | None, measured: Array | None = None) -> LevelFrame:
     """After six seconds in which the sensor stands, or hangs, still in one of two rooms."""
     settings = TrackingSettings(mount=mount)
-    frame, odometry, raws, results = LevelFrame(settings), ContinuousTimeOdometry(settings), [], []
+    frame, odometry, scans = LevelFrame(settings), ContinuousTimeOdometry(settings), []
     for k in range(13):
         points = scan(two_rooms(), pose(2.5, 2.0, 1.3), seed=k) @ R_upright_sensor
-        raws.append(RawScan(k * NS // 2, points, None, None))
-        results.append(odometry.register(k * NS // 2, points, None))
-        frame.add(raws, results, measured)
-    frame.settle(raws, results)
+        found = odometry.register(k * NS // 2, points, None)
+        scans.append(TrackedScan(RawScan(k * NS // 2, points, None, None), found, found.T_odom_sensor))
+        frame.add(scans, measured)
+    frame.settle(scans)
     return frame
 
 

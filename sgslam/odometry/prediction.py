@@ -1,0 +1,97 @@
+"""What is known of the motion at the knots of a window before its points are looked at."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sgslam.inertial import Changes, MeasuredMotion, Turns
+from sgslam.odometry.given_motion import GivenMotion
+from sgslam.registration.beliefs import Belief
+from sgslam.registration.motion_prior import NO_STEPS, Steps, moved_on
+from sgslam.registration.relocation import Guess
+from sgslam.registration.window import window_knots
+from sgslam.types import TimedPoints
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """What an odometry remembers from scan to scan. Times are in seconds after its first stamp.
+
+    Two scans are estimated together: `older` is the newer one of the last two, its knots at `older_knots` (K, 4, 4);
+    None if it is in the map already. `beliefs` are about the ends of both, each as its own window left it.
+    """
+
+    first_ns: int | None = None
+    scans: int = 0  # that saw something
+    beliefs: list[Belief] = field(default_factory=list)
+    older: TimedPoints | None = None
+    older_knots: Floats = field(default_factory=lambda: np.empty((0, 4, 4)))
+    side: float = 0.0  # m, between the points that are used of the next scan
+    interval: float = np.inf  # s, the usual time from scan to scan: the shortest so far
+    way: float = 0.0  # m, the length of the path
+    usual: float = 0.0  # share of a scan's points on known surfaces
+    height: float = 0.0  # m, the usual one along up
+    residual: float = np.inf  # m, the median distance of the newest scan's points from their surfaces
+    lost: bool = False
+    lost_at: float = -np.inf  # s, of the last lost scan
+    held_at: float = -np.inf  # s, of the last scan that was good or degraded
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """The knots of a window at `seconds` (K,), the first of each scan number `firsts`: `known` ones as found before,
+    the others where the sensor goes on `ahead`, where it has `stopped`, unless an accelerometer knows that it did not,
+    and as another system has `given` them, if one does; and what was measured between them."""
+
+    seconds: Floats
+    firsts: list[int]
+    known: Guess
+    ahead: Guess
+    stopped: Guess | None
+    given: Guess | None
+    turns: Turns
+    changes: Changes
+    steps: Steps
+
+    @property
+    def turn_known(self) -> bool:
+        """Whether a gyroscope tells how the sensor turned after the known knots."""
+        information = self.turns.information
+        return len(information) > 0 and bool((information[len(self.known) - 1 :] > 0).all())
+
+
+def predicted(
+    course: Course, scans: list[TimedPoints], up: Floats, imu: MeasuredMotion, others: GivenMotion | None
+) -> Prediction:
+    """The prediction of a window of the newest one or two scans; up (3,) is zero while it is unknown."""
+    belief, newest = course.beliefs[-len(scans)], course.beliefs[-1]
+    seconds, firsts = window_knots(belief.seconds, [scan.knot_seconds for scan in scans])
+    known = [belief.T] if len(scans) == 1 else [*[belief.T][: firsts[0]], *course.older_knots]
+    after = seconds[len(known) - 1 :]
+    moved = [known[-1], *(moved_on(known[-1], newest.velocity, s - after[0]) for s in after[1:])]
+    moved = list(imu.turned(after, np.stack(moved)))[1:]
+    changes = imu.changes(seconds, np.stack([*known, *moved]), belief.lasted, up)
+    is_pushed = bool((changes.information[len(known) - 1 :] > 0).all())
+    stopped = None if is_pushed else list(imu.turned(after, np.stack([known[-1]] * len(after))))[1:]
+    steps, given = NO_STEPS, None
+    if others is not None and course.first_ns is not None:
+        steps = others.steps(course.first_ns, seconds)
+        if others.tells(course.first_ns, after[0], after[-1]):
+            given = list(others.moved(course.first_ns, known[-1], after[0], after[1:]))
+    ahead = _pushed(known[-1], moved, after, newest.velocity[3:], changes.values[len(known) - 1 :])
+    return Prediction(seconds, firsts, known, ahead, stopped, given, imu.turns(seconds), changes, steps)
+
+
+def _pushed(last: Floats, moved: Guess, seconds: Floats, velocity: Floats, changes: Floats) -> Guess:
+    """The poses `moved` on from the `last` known one, at times (K,), where the velocity (3,) before it changes as
+    measured at each knot but the last (K-1, 3), zero where it is not."""
+    place, ahead = last[:3, 3], []
+    for pose, change, lasted in zip(moved, changes, np.diff(seconds), strict=True):
+        velocity = velocity + change
+        place = place + velocity * lasted
+        ahead.append(pose.copy())
+        ahead[-1][:3, 3] = place
+    return ahead
