@@ -29,6 +29,16 @@ from data.simulation.run import IMU
 from data.simulation.sensors import SENSORS, sensor_named
 from data.simulation.simulate import simulate
 
+_CHANGED = {
+    "moved-walls": "walls that are moved",
+    "absent-walls": "walls that are absent",
+    "unplanned-walls": "walls that are missing in the plan",
+    "displaced-openings": "doors and windows that are displaced along their wall",
+    "filled-openings": "doors and windows that are walled up",
+    "displaced-columns": "columns that are displaced",
+    "absent-columns": "columns that are absent",
+}
+
 
 def _parser() -> argparse.ArgumentParser:
     about = "Simulate a LiDAR carried through a building, and write its scans and ground truth."
@@ -50,51 +60,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--seed", type=int, default=0, help="random seed; the same seed gives the same bytes (default 0)")
     add("--min-rooms", type=int, default=8, metavar="N", help="number of rooms to enter (default 8, or all if fewer)")
     add("--min-length", type=float, default=120.0, metavar="M", help="minimum length of drive in metres (default 120)")
-    add("--moved-walls", type=float, default=0.0, metavar="SHARE", help="share of walls that are moved (default 0)")
-    add("--moved-by", type=float, metavar="M", help="metres by which each is moved (default: 0.1 to 0.3 at random)")
-    add("--absent-walls", type=float, default=0.0, metavar="SHARE", help="share of walls that are absent (default 0)")
-    add(
-        "--unplanned-walls",
-        type=float,
-        default=0.0,
-        metavar="SHARE",
-        help="share of walls that are missing in the plan (default 0)",
-    )
-    add(
-        "--displaced-openings",
-        type=float,
-        default=0.0,
-        metavar="SHARE",
-        help="share of doors and windows that are displaced along their wall (default 0)",
-    )
-    add(
-        "--filled-openings",
-        type=float,
-        default=0.0,
-        metavar="SHARE",
-        help="share of doors and windows that are walled up (default 0)",
-    )
-    add(
-        "--displaced-columns",
-        type=float,
-        default=0.0,
-        metavar="SHARE",
-        help="share of columns that are displaced (default 0)",
-    )
-    add(
-        "--absent-columns",
-        type=float,
-        default=0.0,
-        metavar="SHARE",
-        help="share of columns that are absent (default 0)",
-    )
-    add(
-        "--displaced-by",
-        type=float,
-        default=0.1,
-        metavar="M",
-        help="metres by which these openings and columns are displaced (default 0.1)",
-    )
+    _add_changes(parser)
     add("--and-back", action="store_true", help="drive the whole route back as well")
     add("--seconds", type=float, metavar="S", help="end the drive after this time in seconds")
     add(
@@ -131,6 +97,18 @@ def _parser() -> argparse.ArgumentParser:
     add("--sensor-height", type=float, metavar="M", help="metres above the floor (default: the carrier's; wheeled 0.8)")
     add("--format", choices=SCAN_WRITERS, help="format of the scans (default bin; ply for points with times)")
     return parser
+
+
+def _add_changes(parser: argparse.ArgumentParser) -> None:
+    """Adds the options by which the building differs from its plan."""
+    add = parser.add_argument
+    for name, what in _CHANGED.items():
+        add(f"--{name}", type=float, default=0.0, metavar="SHARE", help=f"share of {what} (default 0)")
+    add(
+        "--moved-by", type=float, metavar="M", help="metres by which each wall is moved (default: 0.1 to 0.3 at random)"
+    )
+    displaced = "metres by which openings and columns are displaced (default 0.1)"
+    add("--displaced-by", type=float, default=0.1, metavar="M", help=displaced)
 
 
 def _angles(text: str) -> tuple[float, float, float]:

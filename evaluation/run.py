@@ -150,7 +150,7 @@ def _matcher(variant: Variant, plan: SceneGraph, truth: Trajectory) -> AnyMatche
         return OracleMatcher(first, storey_of(plan, first))
     name = variant.matcher or Config().matching.method
     matcher = Matcher.load(name)
-    make_ready(matcher, name)  # compiling is not part of the run's time
+    make_ready(matcher)  # compiling is not part of the run's time
     return matcher
 
 

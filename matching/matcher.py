@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Union
 
-from data.common.compiling import once_on_two_cores
 from data.common.errors import UserError
 from data.scene_graph import SceneGraph, implausible
 from matching.combinatorial import CombinatorialMatcher
@@ -110,26 +109,9 @@ def _paper(weights: str) -> Method:
     return PaperMatcher(load_paper_network(weights))
 
 
-def make_ready(matcher: AnyMatcher, method: str) -> None:
-    """Matches a small plan with itself, so that compiled loops are loaded or compiled before a robot needs them.
-
-    `method` is the name by which the matcher was loaded.
-    """
-    plan = _small_plan()
-    if method.partition("@")[0] == "learned":  # the one method of which there is much to compile
-        from matching.proposals.learned import LearnedProposer
-
-        once_on_two_cores("learned", lambda: LearnedProposer.load().propose(plan, plan), vote)
-    matcher.match(plan, plan)
-
-
-def vote() -> None:
-    """Compiles what the proposals by votes and the search need, which is half of what `learned` does."""
-    plan = _small_plan()
-    Matcher.load("voting").match(plan, plan)
-
-
-def _small_plan() -> SceneGraph:
+def make_ready(matcher: AnyMatcher) -> None:
+    """Matches a small plan with itself, so that compiled loops are loaded or compiled before a robot needs them."""
     from data.generation.buildings import generate_plan
 
-    return generate_plan("apartment", 0).graph
+    plan = generate_plan("apartment", 0).graph
+    matcher.match(plan, plan)

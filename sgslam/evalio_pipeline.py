@@ -88,15 +88,16 @@ class SgslamPipeline(_Pipeline):  # type: ignore[misc]
 
         from data.plans import load_bim
         from matching import Matcher
-        from sgslam.cli.compile_ahead import compile_ahead
         from sgslam.slam import SceneGraphSlam
+        from sgslam.warm_up import compile_ahead
 
         threadpool_limits(1, user_api="blas")
+        compile_ahead()
         config = self._config()
         plan = self._path("plan")
         bim = None if plan is None else load_bim(plan)
         matcher = None if bim is None else Matcher.load(config.matching.method)
-        compile_ahead(matcher, None if bim is None else config.matching.method)
+        compile_ahead().wait()
         self._slam = SceneGraphSlam(bim, matcher, config)
 
     def _path(self, name: str) -> Path | None:

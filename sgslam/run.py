@@ -2,14 +2,20 @@
 
 import argparse
 import gc
+import multiprocessing
+import os
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 
+if TYPE_CHECKING:
+    from sgslam.viewer.live import LiveView
+
 NOT_ENOUGH = 3  # exit code
+_MOST_WAITING = 100  # scans, of up to a megabyte each, that wait for the map
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -24,38 +30,61 @@ def main(arguments: list[str] | None = None) -> int:
 def execute(options: argparse.Namespace) -> int:
     """The run that the options describe; returns as `main` does. Raises UserError."""
     # imported only now, so that --help and a missing argument respond at once
-    from threadpoolctl import threadpool_limits
+    from sgslam.cli.processes.mapping_process import MappingProcess
 
-    from sgslam.cli.job.arguments import out_folder
-    from sgslam.cli.job.inputs import read_job
-    from sgslam.cli.job.run import Run
-    from sgslam.cli.job.scan_loop import run_scans
-    from sgslam.viewer.live import LiveView, open_page
-    from sgslam.viewer.rerun_log import recorded
+    mapping = MappingProcess(_MOST_WAITING) if _has_two_processes(options) else None  # loads what it needs meanwhile
+    from threadpoolctl import threadpool_limits
 
     threadpool_limits(1, user_api="blas")  # a scan is small: more threads would only wait for each other
     sys.setswitchinterval(1e-4)  # with the default interval the reading thread slows the run down
-    page = None if options.view is None else open_page(options.view)
-    job = read_job(options)
-    out = out_folder(options)
-    with recorded(options.rerun, job.a_graph) as log:
-        run = Run(job, out)
-        gc.freeze()  # the modules stay loaded: the garbage collector need not scan them
-        view = None if page is None else LiveView(page, job.a_graph, job.truth)
-        watchers = [watcher.add_scan for watcher in (view, log) if watcher is not None]
-        stopped = run_scans(
-            run.slam, job.scans, run.progress, run.checkpoints, job.external_odometry, watchers, job.imu
-        )
-        metrics = run.finish(stopped)
-        if log is not None:
-            log.add_map(run.slam)
-    _print_summary(metrics, out)
-    if view is not None:
-        view.show_finished(out)
+    if mapping is None:
+        metrics, shown = _in_one_process(options)
+    else:
+        from sgslam.cli.processes.batch_run import run_in_two_processes
+
+        metrics, shown = run_in_two_processes(options, mapping), None
+    _print_summary(metrics, options.out)
+    if shown is not None:
+        shown.show_finished(options.out)
     lack = _what_lacks(metrics) if options.strict else ""
     if lack:
         print(f"--strict: exit code {NOT_ENOUGH}: {lack}", file=sys.stderr)
     return NOT_ENOUGH if lack else 0
+
+
+def _has_two_processes(options: argparse.Namespace) -> bool:
+    """Whether tracking gets a process of its own: on two cores or more, where nothing watches the map grow."""
+    is_one_of_many = multiprocessing.parent_process() is not None  # as in a batch of runs
+    is_watched = options.view is not None or options.rerun is not None
+    return len(os.sched_getaffinity(0)) > 1 and not is_watched and not is_one_of_many
+
+
+def _in_one_process(options: argparse.Namespace) -> tuple[dict[str, Any], "LiveView | None"]:
+    """The content of metrics.json, and the page that showed the run, if one did."""
+    from sgslam.cli.job.arguments import out_folder
+    from sgslam.cli.job.inputs import read_job
+    from sgslam.cli.job.run import Run
+    from sgslam.cli.job.scan_inputs import read_scan_inputs
+    from sgslam.cli.job.scan_loop import run_scans
+    from sgslam.viewer.live import LiveView, open_page
+    from sgslam.viewer.rerun_log import recorded
+
+    page = None if options.view is None else open_page(options.view)
+    inputs = read_scan_inputs(options)
+    job = read_job(options, inputs)
+    options.out = out_folder(options)
+    with recorded(options.rerun, job.a_graph) as log:
+        run = Run(job, options.out)
+        gc.freeze()  # the modules stay loaded: the garbage collector need not scan them
+        view = None if page is None else LiveView(page, job.a_graph, job.truth)
+        watchers = [watcher.add_scan for watcher in (view, log) if watcher is not None]
+        stopped = run_scans(
+            run.slam, inputs.scans, run.progress, run.checkpoints, inputs.external_odometry, watchers, inputs.imu
+        )
+        metrics = run.finish(stopped)
+        if log is not None:
+            log.add_map(run.slam)
+    return metrics, view
 
 
 def _what_lacks(metrics: dict[str, Any]) -> str:

@@ -293,9 +293,11 @@ class SceneGraphSlam:
 
     def restore(self, state: dict[str, Any]) -> None:
         """Restores a tree that `state` returned, for the same building and settings; the run then continues bit by bit
-        as the saved one would have. Raises KeyError, TypeError or ValueError if the tree does not fit."""
+        as the saved one would have. Its "tracking" is None where another process tracks. Raises KeyError, TypeError or
+        ValueError if the tree does not fit."""
         clouds = self._session.restore(state["session"], self.clouds)
         self._map = self._session.begin(clouds, self._stopwatch)
         self._map.restore(state["map"])
-        self._tracking.restore(state["tracking"])
+        if state["tracking"] is not None:
+            self._tracking.restore(state["tracking"])
         self._stopwatch.seconds = state["seconds"]

@@ -38,10 +38,9 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
     if given or not all(Path(word).is_dir() for word in config.args):
         return
     option.numprocesses, option.dist, option.loadscopereorder = min(cores(), WORKERS), "loadfile", False
-    from matching import Matcher
-    from sgslam.cli.compile_ahead import compile_ahead
+    from sgslam.warm_up import compile_ahead
 
-    compile_ahead(Matcher.load(), "learned")  # on two cores at once: the workers load it, and do not compile it twice
+    compile_ahead().wait()  # on two cores at once: the workers load it, and do not compile it twice
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -1,19 +1,29 @@
 """Functions compiled to machine code, for the few loops that numpy cannot express."""
 
+import atexit
+import logging
 import shutil
+import sys
+import tempfile
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any, TypeVar
 
+import llvmlite.binding as llvm
+import numba
 from numba import config, njit, types
 from numba.extending import intrinsic
 
 from data.common.build import PRODUCT
+from data.common.files import user_cache
 
 _F = TypeVar("_F", bound=Callable[..., object])
-MOST_VERSIONS = 5  # on disk, of some 12 MB each
+MOST_VERSIONS = 5  # on disk, of some 12 MB each; more only if they were used within a day
+_DAY = 86400.0  # s
+_log = logging.getLogger(__name__)
 
 
 def sources(root: Path) -> list[Path]:
@@ -23,40 +33,50 @@ def sources(root: Path) -> list[Path]:
 
 
 def version(root: Path) -> str:
-    """A hash of the sources. Numba itself only checks a function's own file and would keep outdated callees and
-    constants.
+    """A hash of the sources, where and when they were installed, and of what they are compiled by and for. Numba itself
+    only checks a function's own file and would keep outdated callees and constants.
     """
     digest = blake2b(digest_size=8)
+    made_by = (sys.implementation.cache_tag, numba.__version__)
+    made_for = (llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten())
+    digest.update(repr((str(root), made_by, made_for)).encode())
     for path in sources(root):
-        digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
+        digest.update(f"{path.relative_to(root)} {path.stat().st_mtime_ns}\n".encode() + path.read_bytes())
     return digest.hexdigest()
 
 
-def folder(parent: Path, version: str) -> Path:
-    """Returns the folder for a version's machine code, created if needed; the oldest other versions are removed.
-
-    If it cannot be created, numba chooses another place.
+def folder(version: str) -> Path:
+    """Returns the folder for a version's machine code, created if needed; versions that were not used for long are
+    removed. Where it cannot be written, a temporary one is returned, which ends with the process.
     """
-    chosen = parent / f"sgslam-{version}"
+    try:
+        chosen = Path(config.CACHE_DIR or user_cache() / "compiled") / f"sgslam-{version}"
+        chosen.mkdir(parents=True, exist_ok=True)
+        chosen.touch()
+        with tempfile.TemporaryFile(dir=chosen):
+            pass
+    except (OSError, RuntimeError) as error:  # RuntimeError: a user without a home
+        what = "compiled code cannot be kept (%s): every run compiles again; set NUMBA_CACHE_DIR to a writable folder"
+        _log.warning(what, error)
+        chosen = Path(tempfile.mkdtemp(prefix="sgslam-")) / f"sgslam-{version}"
+        chosen.mkdir()
+        atexit.register(shutil.rmtree, chosen.parent, ignore_errors=True)
+        return chosen
     with suppress(OSError):
-        if not chosen.is_dir():
-            chosen.mkdir(parents=True)
-            known = sorted(parent.glob("sgslam-*"), key=lambda path: path.stat().st_mtime)
-            for old in known[:-MOST_VERSIONS]:
-                shutil.rmtree(old, ignore_errors=True)
+        used = sorted((path.stat().st_mtime, path) for path in chosen.parent.glob("sgslam-*"))
+        for when, path in used[:-MOST_VERSIONS]:
+            if when < time.time() - _DAY:
+                shutil.rmtree(path, ignore_errors=True)
     return chosen
 
 
-_HERE = Path(__file__).resolve().parent
-_ROOT = _HERE.parents[1]
-FOLDER = folder(Path(config.CACHE_DIR or _HERE / "__pycache__"), version(_ROOT))
+FOLDER = folder(version(Path(__file__).resolve().parents[2]))
 
 
 def compiled(function: _F) -> _F:
     """Compiles `function` with numba at the first call with given argument types; the result is cached on disk.
 
-    If no folder is writable (a read-only installation without a home), each process compiles again. Arithmetic follows
-    IEEE (no fastmath; x / 0 is infinite), so results are reproducible.
+    Arithmetic follows IEEE (no fastmath; x / 0 is infinite), so results are reproducible.
     """
     return _compiled(function, inline="never")
 
@@ -73,8 +93,6 @@ def _compiled(function: _F, inline: str) -> _F:
     others, config.CACHE_DIR = config.CACHE_DIR, str(FOLDER)  # for ours alone, not for an application's own functions
     try:
         fast: _F = njit(function, cache=True, **options)
-    except RuntimeError:  # "cannot cache function: no locator available"
-        fast = njit(function, **options)
     finally:
         config.CACHE_DIR = others
     return fast

@@ -1,41 +1,39 @@
-"""Compiles on two cores after an installation or an update, which halves the time."""
+"""Compiles ahead, in processes of its own, what would otherwise be compiled when it is first called."""
 
+import atexit
 import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import suppress
 
 from data.common.compiled import FOLDER
-from data.common.processes import cores, environment
+from data.common.processes import environment
 
-Work = Callable[[], object]
+_MESSAGE = "compiling the loops of tracking and matching, once per installed version: about a minute on two cores"
 
 
-def on_two_cores(work: Work, other: Work) -> None:
-    """Runs `work`, and `other` (a function of a module) in another process, and waits for both.
+class Compilation:
+    """Calls functions of modules, each in a process of its own, unless this version's code was compiled before.
 
-    What one has compiled the other can load. If the other process fails, its functions are compiled when first needed.
+    What they compile the others can load. If a process fails, its functions are compiled when they are first needed.
     """
-    code = f"from {other.__module__} import {other.__qualname__} as work; work()"
-    quiet = subprocess.DEVNULL
-    helper = subprocess.Popen(
-        [sys.executable, "-c", code], env=environment(), stdin=quiet, stdout=quiet, stderr=quiet
-    )  # fmt: skip
-    try:
-        work()
-        helper.wait()
-    finally:
-        helper.kill()
-        helper.wait()
 
+    def __init__(self, *works: Callable[[], object]) -> None:
+        self._done, quiet = FOLDER / "all.done", subprocess.DEVNULL
+        works = () if self._done.exists() else works
+        if works:
+            print(_MESSAGE, file=sys.stderr)
+        codes = [f"from {work.__module__} import {work.__qualname__} as work; work()" for work in works]
+        own = {**environment(), "NUMBA_CACHE_DIR": str(FOLDER.parent)}
+        self._processes = [
+            subprocess.Popen([sys.executable, "-c", code], env=own, stdin=quiet, stdout=quiet, stderr=quiet)
+            for code in codes
+        ]
+        for process in self._processes:
+            atexit.register(process.kill)  # of a command that ends before with a mistake of the user
 
-def once_on_two_cores(name: str, work: Work, other: Work) -> None:
-    """As `on_two_cores`, unless this version's code has done it before; nothing on a single core.
-
-    `name` distinguishes this work from other such work.
-    """
-    done = FOLDER / f"{name}.done"
-    if FOLDER.is_dir() and not done.exists() and cores() > 1:
-        on_two_cores(work, other)
-        with suppress(OSError):
-            done.touch()
+    def wait(self) -> None:
+        """Returns when all is compiled."""
+        if self._processes and not any([process.wait() for process in self._processes]):
+            with suppress(OSError):
+                self._done.touch()

@@ -1,8 +1,9 @@
-"""Atomic files, written completely or not at all, and the order of files by their names."""
+"""Atomic files, written completely or not at all; the order of files by their names; the user's cache."""
 
 import json
 import os
 import re
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,6 +11,15 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from data.common.errors import UserError
+
+
+def user_cache() -> Path:
+    """The folder `sgslam` in the user's cache directory. Raises RuntimeError for a user without a home."""
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches" / "sgslam"
+    if sys.platform == "win32":
+        return Path(os.environ["LOCALAPPDATA"]) / "sgslam"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "sgslam"
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from data.common.errors import UserError
-from data.common.files import write_json
+from data.common.files import user_cache, write_json
 from data.common.json_files import read_json
 from data.ifc.guard import read_guarded
 from data.scene_graph import SceneGraph
@@ -54,7 +54,7 @@ def _read(path: Path, cache_dir: Path | str | None, layers: Sequence[str]) -> Bi
     if suffix not in IFC_SUFFIXES:
         raise UserError(f"{path}: not a building; give {PLANS}")
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    entry = (Path(cache_dir) if cache_dir else user_cache()) / f"a_graph-{digest}-{EXTRACTOR_VERSION}.json"
+    entry = (Path(cache_dir) if cache_dir else plan_cache()) / f"a_graph-{digest}-{EXTRACTOR_VERSION}.json"
     bim = _cached(entry)
     if bim is None:
         made = read_guarded(path)
@@ -83,11 +83,9 @@ def _with_walls(graph: SceneGraph, path: Path) -> SceneGraph:
     return graph
 
 
-def user_cache() -> Path:
+def plan_cache() -> Path:
     """The folder of cached A-graphs: $SGSLAM_CACHE_DIR, else `sgslam` in the user's cache directory."""
-    if own := os.environ.get("SGSLAM_CACHE_DIR"):
-        return Path(own)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "sgslam"
+    return Path(os.environ.get("SGSLAM_CACHE_DIR") or user_cache())
 
 
 def _cached(entry: Path) -> Bim | None:

@@ -2,7 +2,9 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
+from threading import Lock
 from typing import Literal
 
 import ifcopenshell
@@ -14,6 +16,7 @@ from data.ifc.products import IfcProduct, Mesh, open_ifc, products, triangulated
 from data.plans.grid_lines import grid_families, grid_reference
 
 Kind = Literal["solid", "opening"]
+_ONE_AT_A_TIME = Lock()
 SOLID = ("IfcWall", "IfcColumn", "IfcSlab", "IfcCovering", "IfcCurtainWall")
 FILLINGS = ("IfcDoor", "IfcWindow")
 
@@ -38,16 +41,26 @@ class PlannedElement:
     filling: NDArray[np.float64] | None = None
 
 
-def planned_elements(ifc: Path | str) -> list[PlannedElement]:
-    """The elements of a model, with what has no geometry left out. Raises UserError as `open_ifc` does."""
+def planned_elements(ifc: Path | str) -> tuple[PlannedElement, ...]:
+    """The elements of a model, with what has no geometry left out. Raises UserError as `open_ifc` does.
+
+    Those of the last model are kept; another thread may have asked for them already, which then is waited for.
+    """
+    path = Path(ifc)
+    with _ONE_AT_A_TIME:
+        return _planned_elements(path, path.stat().st_mtime_ns if path.is_file() else 0)
+
+
+@lru_cache(1)
+def _planned_elements(ifc: Path, mtime_ns: int) -> tuple[PlannedElement, ...]:
     model = open_ifc(ifc)
     storeys = {storey.GlobalId: storey.Name or storey.GlobalId for storey in model.by_type("IfcBuildingStorey")}
     found = [_element(product, storeys, "solid") for product in products(model, SOLID)]
     families = grid_families(model)
-    return [
+    return tuple(
         replace(element, grid=grid_reference(families, element.triangles.reshape(-1, 3)[:, :2]))
         for element in (*found, *_openings(model, storeys))
-    ]
+    )
 
 
 def _element(product: IfcProduct, storeys: dict[str, str], kind: Kind) -> PlannedElement:

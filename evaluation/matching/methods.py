@@ -41,7 +41,7 @@ def method_named(name: str) -> Callable[[KnownMap], MatchResult]:
     Raises UserError for an unknown one.
     """
     matcher = matcher_named(name)
-    make_ready(matcher, name if name != ORACLE else "learned")
+    make_ready(matcher)
 
     def match(known: KnownMap) -> MatchResult:
         if name != ORACLE:

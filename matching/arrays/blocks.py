@@ -25,34 +25,24 @@ class Elimination(NamedTuple):
     turned: NDArray[np.bool_]  # (E,) whether it is the row of the edge's second node
 
 
-@compiled
 def elimination(edges: Index, count: int) -> Elimination:
     """Returns the elimination for distinct edges (E, 2) between `count` nodes."""
     joined, left = np.zeros((count, count), dtype=np.bool_), np.ones(count, dtype=np.bool_)
-    for e in range(len(edges)):
-        joined[edges[e, 0], edges[e, 1]] = joined[edges[e, 1], edges[e, 0]] = True
+    joined[edges[:, 0], edges[:, 1]] = joined[edges[:, 1], edges[:, 0]] = True
     order = np.empty(count, dtype=np.int64)
     for n in range(count):
-        g = np.array([(joined[h] & left).sum() if left[h] else count for h in range(count)]).argmin()
+        g = np.where(left, (joined & left).sum(axis=1), count).argmin()
         order[n], left[g] = g, False
         near = np.flatnonzero(joined[g] & left)
-        for k in near:
-            for j in near:
-                joined[k, j] = joined[k, j] or j != k
+        joined[np.ix_(near, near)] = True
+        joined[near, near] = False
+    earlier, later = np.nonzero(np.triu(joined[np.ix_(order, order)]))
     first, block = np.zeros(count + 1, dtype=np.int64), np.full((count, count), -1)
-    later = np.empty(joined.sum() // 2, dtype=np.int64)
-    for n in range(count):
-        first[n + 1] = first[n]
-        for m in range(n + 1, count):
-            if joined[order[n], order[m]]:
-                later[first[n + 1]] = order[m]
-                block[order[n], order[m]] = block[order[m], order[n]] = first[n + 1]
-                first[n + 1] += 1
-    of_edge, turned = np.empty(len(edges), dtype=np.int64), np.zeros(len(edges), dtype=np.bool_)
-    for e in range(len(edges)):
-        of_edge[e] = block[edges[e, 0], edges[e, 1]]
-        turned[e] = later[of_edge[e]] == edges[e, 1]
-    return Elimination(order, first, later, block, of_edge, turned)
+    first[1:] = np.cumsum(np.bincount(earlier, minlength=count))
+    earlier, later = order[earlier], order[later]
+    block[earlier, later] = block[later, earlier] = np.arange(len(later))
+    of_edge = block[edges[:, 0], edges[:, 1]]
+    return Elimination(order, first, later, block, of_edge, later[of_edge] == edges[:, 1])
 
 
 @compiled

@@ -114,7 +114,7 @@ def _edges(apart: Array, doors: Index) -> tuple[Index, NDArray[np.bool_]]:
     near |= near.T
     length = np.where(near, (1 - 1e-9) * apart, apart)
     tree = length <= _shortest(length, np.maximum)  # no way round has only shorter edges: of the least spanning tree
-    edges = np.argwhere(np.triu(near | tree, 1))
+    edges = np.ascontiguousarray(np.argwhere(np.triu(near | tree, 1)))  # else compiled loops are compiled twice
     return edges, by_door[edges[:, 0], edges[:, 1]]
 
 

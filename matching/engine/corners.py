@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from data.common.compiled import compiled
+from data.geometry import se2
 from data.geometry.se2 import Array
-from data.geometry.se2_compiled import wrapped
 from matching.arrays import Index, Walls
 
 REACH = 1.0  # metres from a wall's end to the crossing
@@ -68,26 +68,16 @@ def _near(centre: Array, half: Array, chosen: Index, order: Index, begins: Index
     return pairs
 
 
-@compiled
 def _met(centre: Array, normal: Array, heading: Array, half: Array, pairs: Index) -> tuple[Array, Array, Array, Index]:
     """Points, headings, openings and kinds of the corners of the pairs that meet."""
-    point, angles, kind = np.empty((len(pairs), 2)), np.empty((2, len(pairs))), np.empty(len(pairs), dtype=np.int64)
-    count = 0
-    for n in range(len(pairs)):
-        i, k = pairs[n]
-        turn = wrapped(heading[k] - heading[i])
-        if turn <= 0:
-            i, k, turn = k, i, -turn
-        sine = np.sin(turn)
-        if sine <= LEAST_SINE:
-            continue
-        x, y = centre[k, 0] - centre[i, 0], centre[k, 1] - centre[i, 1]
-        along = (x * normal[k, 0] + y * normal[k, 1]) / sine
-        back = (x * normal[i, 0] + y * normal[i, 1]) / sine
-        if abs(abs(along) - half[i]) < REACH and abs(abs(back) - half[k]) < REACH:
-            point[count, 0] = centre[i, 0] - along * normal[i, 1]
-            point[count, 1] = centre[i, 1] + along * normal[i, 0]
-            angles[0, count], angles[1, count] = heading[i] + turn / 2, turn
-            kind[count] = 2 * (along > 0) + (back > 0)
-            count += 1
-    return point[:count].copy(), angles[0, :count].copy(), angles[1, :count].copy(), kind[:count].copy()
+    turn = se2.wrap(heading[pairs[:, 1]] - heading[pairs[:, 0]])
+    i, k = np.where(turn > 0, pairs.T, pairs.T[::-1])
+    turn = np.abs(turn)
+    crossing = np.sin(turn) > LEAST_SINE
+    i, k, turn = i[crossing], k[crossing], turn[crossing]
+    between, sine = centre[k] - centre[i], np.sin(turn)
+    along, back = ((between * normal[n]).sum(axis=1) / sine for n in (k, i))
+    met = (np.abs(np.abs(along) - half[i]) < REACH) & (np.abs(np.abs(back) - half[k]) < REACH)
+    i, turn, along, back = i[met], turn[met], along[met], back[met]
+    point = centre[i] + along[:, None] * np.column_stack((-normal[i, 1], normal[i, 0]))
+    return point, heading[i] + turn / 2, turn, 2 * (along > 0) + (back > 0)

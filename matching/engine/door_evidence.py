@@ -8,6 +8,7 @@ narrow passage in a room that the map took for two. Chance is a door of the plan
 import numpy as np
 
 from data.common.compiled import compiled
+from data.geometry import se2
 from data.geometry.se2 import Array
 from matching.arrays import Index
 from matching.engine.field import Fields, Scene
@@ -33,20 +34,12 @@ def door_evidence(scene: Scene, fields: Fields, homes: Index) -> Array:
     return np.array(nats)
 
 
-@compiled
 def _placed(state: Array, centre: Array, group_of_room: Index, place: Array, rooms: Index) -> Array:
     """(D, 2) the map's doors, placed by the mean motion of their rooms (D, 2) in a field (G, 3)."""
-    placed = np.zeros(place.shape)
-    for d in range(len(place)):
-        known = max((rooms[d] >= 0).sum(), 1)
-        for room in rooms[d]:
-            if room >= 0:
-                g = group_of_room[room]
-                cos, sin = np.cos(state[g, 0]), np.sin(state[g, 0])
-                x, y = place[d, 0] - centre[g, 0], place[d, 1] - centre[g, 1]
-                placed[d, 0] += (cos * x - sin * y + state[g, 1]) / known
-                placed[d, 1] += (sin * x + cos * y + state[g, 2]) / known
-    return placed
+    group, known = group_of_room[rooms], rooms >= 0
+    placed = se2.rotate(state[group, 0], place[:, None] - centre[group]) + state[group, 1:]
+    share = known / np.maximum(known.sum(axis=1, keepdims=True), 1)
+    return np.asarray((share[..., None] * placed).sum(axis=1))
 
 
 @compiled

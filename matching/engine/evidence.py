@@ -188,35 +188,18 @@ def _normal(off: float, sigma: float) -> float:
     return np.exp(-0.5 * (off / sigma) ** 2) / (np.sqrt(2 * np.pi) * sigma) if abs(off) < 10 * sigma else 0.0
 
 
-@compiled
-def either(one: float, other: float) -> float:
-    """The logarithm of the sum of two numbers given by their logarithms."""
-    return max(one, other) + np.log1p(np.exp(-abs(one - other)))
-
-
 def _met(scene: Scene, fields: Fields, chance: Chance) -> Array:
     """(K, Ns) how many A walls of its direction an S wall meets per metre across, at a random place of the building."""
     storeys = scene.plan.storeys
     a = storeys[chance.storey]
     turned = np.array([storeys[st].T_graph_own[0] - a.T_graph_own[0] for st in fields.storey.tolist()])
     count, half = scene.plan.met[chance.storey][:, chance.building]
-    met = _walls_met(scene.s.heading, scene.s.half, fields.state, turned, count, half)
+    yaw = np.arctan2(np.sin(fields.state[..., 0]).sum(axis=1), np.cos(fields.state[..., 0]).sum(axis=1)) + turned
+    degree = np.rint(np.degrees(scene.s.heading + yaw[:, None])).astype(np.int64) % 360
+    met = 2 * (half[degree] + count[degree] * scene.s.half)
     return np.asarray(np.maximum(met / a.building_areas[chance.building], LEAST_DENSITY))
 
 
-@compiled
-def _walls_met(heading: Array, half: Array, state: Array, turned: Array, count: Array, a_half: Array) -> Array:
-    """(K, Ns) as `_met`; `count` and `a_half` (360,) are those of the building's walls for each degree of direction."""
-    found = np.empty((len(state), len(heading)))
-    for k in range(len(state)):
-        yaw = np.arctan2(np.sin(state[k, :, 0]).sum(), np.cos(state[k, :, 0]).sum()) + turned[k]
-        for i in range(len(heading)):
-            own = int(np.rint(np.degrees(heading[i] + yaw))) % 360
-            found[k, i] = 2 * (a_half[own] + count[own] * half[i])
-    return found
-
-
-@compiled
 def _completeness(
     half: Array, a_room: Index, rooms: int, table: Index, first: int, quality: Array, home: Index
 ) -> float:
@@ -225,18 +208,11 @@ def _completeness(
     An A room was either entered, so that most of its walls are observed, or seen through a door.
     """
     seen = np.zeros(len(half), dtype=np.bool_)
-    for i in range(table.shape[0]):
-        for p in range(table.shape[1]):
-            if quality[i, p] > SEEN:
-                seen[table[i, p] - first] = True
-    count, is_home = np.zeros((rooms, 2)), np.zeros(rooms, dtype=np.bool_)
-    is_home[home[home >= 0]] = True
-    for j in range(len(half)):
-        if 2 * half[j] > SHOWN and a_room[j] >= 0:
-            count[a_room[j], 0 if seen[j] else 1] += 1
-    total = 0.0
-    for q in np.flatnonzero(is_home):
-        entered = np.log(ENTERED) + np.log(0.85 / 0.5) * count[q, 0] + np.log(0.15 / 0.5) * count[q, 1]
-        glimpsed = np.log(1 - ENTERED) + np.log(0.4 / 0.5) * count[q, 0] + np.log(0.6 / 0.5) * count[q, 1]
-        total += either(entered, glimpsed)
-    return total
+    seen[table[quality > SEEN] - first] = True
+    expected = (2 * half > SHOWN) & (a_room >= 0)
+    of_map = np.unique(home[home >= 0])
+    found = np.bincount(a_room[expected & seen], minlength=rooms)[of_map]
+    missing = np.bincount(a_room[expected & ~seen], minlength=rooms)[of_map]
+    entered = np.log(ENTERED) + np.log(0.85 / 0.5) * found + np.log(0.15 / 0.5) * missing
+    glimpsed = np.log(1 - ENTERED) + np.log(0.4 / 0.5) * found + np.log(0.6 / 0.5) * missing
+    return float(np.logaddexp(entered, glimpsed).sum())

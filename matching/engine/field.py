@@ -150,29 +150,17 @@ def _chi2(m: Loops, state: Array) -> Array:
 
 def rigid(scene: Scene, fields: Fields, quality: Array) -> Array:
     """(K, 3) the rigid motions nearest to fields, from the ends of the walls they explain with quality (K, Ns)."""
-    return np.asarray(_rigid(scene.loops, scene.s.centre, fields.state, quality))
-
-
-@compiled
-def _rigid(m: Loops, centre: Array, state: Array, quality: Array) -> Array:
-    found, heading, half = np.empty((len(state), 3)), m.heading, m.half
-    for k in range(len(state)):
-        pose, weight = wall_poses(m, state[k], turns(state[k])), m.weight * quality[k] + LEAST_WEIGHT
-        weight /= weight.sum()
-        p_x, p_y = (weight * centre[:, 0]).sum(), (weight * centre[:, 1]).sum()
-        q_x, q_y = (weight * pose[:, 1]).sum(), (weight * pose[:, 2]).sum()
-        cross, dot = 0.0, 0.0
-        for i in range(len(weight)):
-            t_x, t_y = -half[i] * np.sin(heading[i]), half[i] * np.cos(heading[i])
-            u_x, u_y = -half[i] * np.sin(pose[i, 0]), half[i] * np.cos(pose[i, 0])
-            x, y, u, v = centre[i, 0] - p_x, centre[i, 1] - p_y, pose[i, 1] - q_x, pose[i, 2] - q_y
-            cross += weight[i] * (x * v - y * u + t_x * u_y - t_y * u_x)  # the mean of both ends
-            dot += weight[i] * (x * u + y * v + t_x * u_x + t_y * u_y)
-        yaw = np.arctan2(cross, dot)
-        cos, sin = np.cos(yaw), np.sin(yaw)
-        found[k, 0], found[k, 1] = yaw, q_x - (cos * p_x - sin * p_y)
-        found[k, 2] = q_y - (sin * p_x + cos * p_y)
-    return found
+    s, state = scene.s, fields.state[:, scene.groups.of_wall]
+    weight = s.weight * quality + LEAST_WEIGHT
+    weight /= weight.sum(axis=1, keepdims=True)
+    placed, half = state[..., 1:] + se2.rotate(state[..., 0], scene.arm), s.half[:, None] * s.tangent
+    p, q = np.einsum("kn,nd->kd", weight, s.centre), np.einsum("kn,knd->kd", weight, placed)
+    before = np.concatenate((s.centre - p[:, None], np.broadcast_to(half, placed.shape)), axis=1)
+    after = np.concatenate((placed - q[:, None], se2.rotate(state[..., 0], half)), axis=1)
+    weight = np.concatenate((weight, weight), axis=1)  # the middles, and the ends about them
+    cross = before[..., 0] * after[..., 1] - before[..., 1] * after[..., 0]
+    yaw = np.arctan2((weight * cross).sum(axis=1), np.einsum("kn,knd,knd->k", weight, before, after))
+    return np.column_stack((yaw, q - se2.rotate(yaw, p)))
 
 
 @compiled

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from data.common.compiled import compiled
+from data.common.compiled import compiled, compiled_within
 from data.geometry.se2 import Array
 from data.geometry.se2_compiled import wrapped
 from matching.arrays import Index
@@ -32,7 +32,7 @@ class GuidedFields:
 
     fields: Fields
     seen: Array
-    table: Index  # (K, Ns, P) as `partners` gives them
+    table: Index  # (K, Ns, P) walls of the plan, nearest first
 
     def __len__(self) -> int:
         return len(self.fields)
@@ -42,8 +42,10 @@ class GuidedFields:
 
 
 def guided(scene: Scene, fields: Fields) -> GuidedFields:
-    """Returns fields with the partners of their walls."""
-    return GuidedFields(fields, fields.state, partners(scene, fields))
+    """Returns fields with the partners of their walls: the nearest PARTNERS, -1 where there are fewer."""
+    table = np.empty((len(fields), len(scene.s), PARTNERS), dtype=np.int64)
+    unseen = np.full_like(fields.state, np.inf)
+    return advance(scene, GuidedFields(fields, unseen, table), np.empty((0, *fields.state.shape[:2])))
 
 
 def advance(scene: Scene, begin: GuidedFields, sigmas: Array, search_every: int = 1) -> GuidedFields:
@@ -63,8 +65,10 @@ def _advance(
     for k in range(len(state)):
         for t in range(len(sigmas) + 1):
             if (t % search_every == 0 or t == len(sigmas)) and _out_of_date(state[k], seen[k]):
-                nearest(m, storey[k], state[k], table[k])
-                seen[k] = state[k]
+                _nearest(m, storey[k], state[k], table[k])
+                for g in range(len(m.centre)):
+                    for d in range(3):  # a copy of arrays takes seconds to compile
+                        seen[k, g, d] = state[k, g, d]
             if t < len(sigmas):
                 stepped(m, table[k], state[k], sigmas[t, k])
 
@@ -79,21 +83,8 @@ def _out_of_date(state: Array, seen: Array) -> bool:
     return False
 
 
-def partners(scene: Scene, fields: Fields) -> Index:
-    """(K, Ns, PARTNERS) the A walls that each S wall may be, nearest first, -1 where there are fewer."""
-    return np.asarray(_partners(scene.loops, fields.storey, fields.state))
-
-
-@compiled
-def _partners(m: Loops, storey: Index, state: Array) -> Index:
-    table = np.empty((len(storey), len(m.heading), PARTNERS), dtype=np.int64)
-    for k in range(len(storey)):
-        nearest(m, storey[k], state[k], table[k])
-    return table
-
-
-@compiled
-def nearest(m: Loops, storey: int, state: Array, table: Index) -> None:
+@compiled_within
+def _nearest(m: Loops, storey: int, state: Array, table: Index) -> None:
     """Writes the partners (Ns, PARTNERS) of one field; only A walls of a similar direction are considered."""
     least_cos, cost, pose = np.cos(GATE_RAD), np.empty(PARTNERS), wall_poses(m, state, turns(state))
     half, lines, order = m.half, m.ordered_lines, m.order

@@ -48,9 +48,10 @@ class ProposalVotes:
 def proposal_votes(scene: Scene, proposals: TopK) -> ProposalVotes:
     """The votes of all pairs of walls of one group that cross, for the crossings of their proposed partners."""
     s, plan, group = scene.s, scene.plan, scene.groups.of_wall
+    most = int((np.bincount(group) ** 2).sum()) // 2 * proposals.partner.shape[1] ** 2
     wall, partner, number = _crossings(
         s.heading, s.half, s.centre, s.normal, group, plan.lines, plan.centre, plan.storey, proposals.partner,
-        proposals.score,
+        proposals.score, most,
     )  # fmt: skip
     return ProposalVotes(
         Votes(number[:, :2], number[:, 2:4], number[:, 4], number[:, 5]), group[wall], plan.storey[partner]
@@ -60,10 +61,11 @@ def proposal_votes(scene: Scene, proposals: TopK) -> ProposalVotes:
 @compiled
 def _crossings(
     heading: Array, half: Array, centre: Array, normal: Array, group: Index, lines: Array, a_centre: Array,
-    a_storey: Index, partner: Index, score: Array,
+    a_storey: Index, partner: Index, score: Array, most: int,
 ) -> tuple[Index, Index, Array]:  # fmt: skip
-    """(V,) one of the walls of each vote, (V,) its partner, and (V, 6) the crossings in map and plan, yaw, weight."""
-    most = int((np.bincount(group) ** 2).sum()) // 2 * partner.shape[1] ** 2
+    """(V,) one of the walls of each vote, (V,) its partner, and (V, 6) the crossings in map and plan, yaw, weight;
+    V is at most `most`.
+    """
     wall, of, found, count = np.empty(most, np.int64), np.empty(most, np.int64), np.empty((most, 6)), 0
     for i in range(len(heading)):
         for k in range(i + 1, len(heading)):

@@ -23,7 +23,8 @@ def room_signs(found: Hypotheses, rooms: Matches) -> Array:
     """
     scene, a = found.scene, found.scene.plan
     r, q, share = (np.array(column) for column in zip(*rooms, strict=True)) if rooms else np.zeros((3, 0), int)
-    fit = _fits(scene.loops, found.fields.state[0], found.table[0], scene.s.room, len(scene.s.rooms), a.room)[r]
+    most = np.zeros((len(scene.s.rooms), a.room.max() + 2))  # the last is for walls without a room
+    fit = _fits(scene.loops, found.fields.state[0], found.table[0], scene.s.room, a.room, most)[r, :-1]
     own = fit[np.arange(len(r)), q]
     fit[np.arange(len(r)), q] = 0.0
     margin = np.log((own + LEAST) / (fit.max(axis=1, initial=0.0) + LEAST))
@@ -32,31 +33,34 @@ def room_signs(found: Hypotheses, rooms: Matches) -> Array:
 
 
 @compiled
-def _fits(m: Loops, state: Array, table: Index, room: Index, rooms: int, a_room: Index) -> Array:
-    """(S rooms, A rooms) the share of an S room's walls, by length, that lie on walls of an A room, where it is most
-    if the S room moves aside.
+def _fits(m: Loops, state: Array, table: Index, room: Index, a_room: Index, most: Array) -> Array:
+    """`most` (S rooms, A rooms), zeros before: the share of an S room's walls, by length, that lie on walls of an A
+    room, where it is most if the S room moves aside.
     """
     pose, sharp = wall_poses(m, state, turns(state)), sharpness(SIGMA)
-    width = a_room.max() + 2  # the last is for walls without a room
-    most, here, best, at = np.zeros((rooms, width)), np.zeros(width), np.zeros(width), pose.copy()
-    count = (table >= 0).sum(axis=1)
+    rooms, width = most.shape
+    here, best, at = np.zeros(width), np.zeros(width), pose.copy()
     for r in range(rooms):
-        walls = np.flatnonzero(room == r)
+        length = 0.0
+        for i in range(len(room)):
+            length += m.half[i] if room[i] == r else 0.0
         for x in ASIDE:
             for y in ASIDE:
-                for i in walls:
+                for i in range(len(room)):
+                    if room[i] != r:
+                        continue
                     at[i, 1], at[i, 2] = pose[i, 1] + x, pose[i, 2] + y
-                    for p in range(count[i]):
-                        j = table[i, p]
-                        across, _, turned, beside = compared(m.lines, j, m.half[i], at, int(i))
-                        quality = beside * np.exp(-sharp[0] * across**2 - sharp[1] * turned**2)
-                        best[a_room[j]] = max(best[a_room[j]], quality)
-                    for j in table[i, : count[i]]:
-                        here[a_room[j]] += m.half[i] * best[a_room[j]]
-                        best[a_room[j]] = 0.0
-                for i in walls:
-                    for j in table[i, : count[i]]:
-                        most[r, a_room[j]] = max(most[r, a_room[j]], here[a_room[j]])
-                        here[a_room[j]] = 0.0
-        most[r] /= m.half[walls].sum()
-    return most[:, :-1]
+                    for j in table[i]:
+                        if j >= 0:
+                            across, _, turned, beside = compared(m.lines, j, m.half[i], at, i)
+                            quality = beside * np.exp(-sharp[0] * across**2 - sharp[1] * turned**2)
+                            best[a_room[j]] = max(best[a_room[j]], quality)
+                    for j in table[i]:
+                        if j >= 0:
+                            here[a_room[j]] += m.half[i] * best[a_room[j]]
+                            best[a_room[j]] = 0.0
+                for q in range(width):
+                    most[r, q], here[q] = max(most[r, q], here[q]), 0.0
+        for q in range(width):
+            most[r, q] /= length
+    return most

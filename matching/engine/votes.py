@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from data.common.compiled import compiled, compiled_within
+from data.common.compiled import compiled
+from data.geometry import se2
 from data.geometry.se2 import Array
 from data.geometry.se2_compiled import wrapped
 from matching.arrays import Index, Walls
@@ -47,7 +48,7 @@ def candidates(votes: Votes, most: int) -> Array:
     """Returns (K, 3) the motions (yaw, x, y) with most votes, at most `most` for each yaw mode."""
     if not len(votes.yaw):
         return np.zeros((0, 3))
-    return np.concatenate([_motions(mode, *votes, most) for mode in _yaw_modes(votes.yaw, votes.weight)])
+    return np.concatenate([_motions(mode, votes, most) for mode in _yaw_modes(votes.yaw, votes.weight)])
 
 
 def aligned(walls: Walls, plan: PlanWalls, storey: int, motions: Array, sigma: float, least: float = 0.0) -> Array:
@@ -118,98 +119,50 @@ def _alike(
     return i[:count].copy(), j[:count].copy(), yaw[:count].copy()
 
 
-@compiled
 def _yaw_modes(yaw: Array, weight: Array) -> Array:
     """(M,) modes of the yaws, each the mean of those nearby."""
     bins = round(2 * np.pi / YAW_BIN)
-    count, smooth = np.zeros(bins), np.zeros(bins)
-    for v in range(len(yaw)):
-        count[int(np.floor((yaw[v] + np.pi) / YAW_BIN)) % bins] += weight[v]
-    for n in range(bins):
-        for k in range(-2, 3):
-            smooth[n] += (3 - abs(k)) * count[(n + k) % bins]
-    angle = -np.pi + (np.arange(bins) + 0.5) * YAW_BIN
-    least, modes, found = 0.1 * smooth.max(), np.empty(YAW_MODES), 0
-    while found < YAW_MODES and smooth.max() >= least:
-        peak, total, near = angle[smooth.argmax()], 0.0, 0.0
-        for v in range(len(yaw)):
-            off = wrapped(yaw[v] - peak)
-            if abs(off) < 2.5 * YAW_BIN:
-                total += weight[v] * off
-                near += weight[v]
-        modes[found] = peak + total / near
-        for n in range(bins):
-            if angle[n] == peak or abs(wrapped(angle[n] - modes[found])) <= 4 * YAW_BIN:
-                smooth[n] = -1.0
-        found += 1
-    return modes[:found]
+    count = np.bincount(np.floor((yaw + np.pi) / YAW_BIN).astype(np.int64) % bins, weight, bins)
+    smooth = np.sum([(3 - abs(k)) * np.roll(count, -k) for k in range(-2, 3)], axis=0)
+    angle = np.arange(0.5 - bins / 2, bins / 2) * YAW_BIN
+    modes: list[float] = []
+    least = 0.1 * smooth.max()
+    while len(modes) < YAW_MODES and smooth.max() >= least:
+        peak = float(angle[smooth.argmax()])
+        off = se2.wrap(yaw - peak)
+        near = np.abs(off) < 2.5 * YAW_BIN
+        modes.append(peak + np.average(off[near], weights=weight[near]))
+        smooth[(angle == peak) | (np.abs(se2.wrap(angle - modes[-1])) <= 4 * YAW_BIN)] = -1.0
+    return np.array(modes)
 
 
-@compiled
-def _motions(mode: float, point: Array, a_point: Array, yaw: Array, weight: Array, most: int) -> Array:
+def _motions(mode: float, votes: Votes, most: int) -> Array:
     """(K, 3) motions with the mode's yaw to the places that votes with a similar yaw are for."""
-    votes, count, cos, sin = np.empty((len(yaw), 3)), 0, np.cos(mode), np.sin(mode)
-    for n in range(len(yaw)):
-        if abs(wrapped(yaw[n] - mode)) < 3 * YAW_BIN:
-            x, y = point[n, 0], point[n, 1]
-            votes[count, 0] = weight[n]
-            votes[count, 1] = a_point[n, 0] - (cos * x - sin * y)
-            votes[count, 2] = a_point[n, 1] - (sin * x + cos * y)
-            count += 1
-    places = _places(votes[:count], most)
-    motions = np.empty((len(places), 3))
-    motions[:, 0], motions[:, 1:] = mode, places
-    return motions
+    near = np.abs(se2.wrap(votes.yaw - mode)) < 3 * YAW_BIN
+    places = _places(votes.a_point[near] - se2.rotate(mode, votes.point[near]), votes.weight[near])[:most]
+    return np.column_stack((np.full(len(places), mode), places))
 
 
-@compiled_within
-def _places(votes: Array, most: int) -> Array:
-    """(K, 2) peaks of votes (V, 3) of weight, x and y, heaviest first: means over 3 x 3 bins around local maxima.
+def _places(place: Array, weight: Array) -> Array:
+    """(K, 2) peaks of votes for places (V, 2) with weights (V,), heaviest first: means over 3 x 3 bins around local
+    maxima.
 
     The bins are sparse, since plans may be kilometres apart.
     """
-    cell = np.floor(votes[:, 1:] / PLACE_BIN).astype(np.int64)
-    low_x, low_y, stride = cell[:, 0].min() - 1, cell[:, 1].min() - 1, cell[:, 1].max() - cell[:, 1].min() + 3
-    key = (cell[:, 0] - low_x) * stride + cell[:, 1] - low_y
-    order = np.sort(key * len(key) + np.arange(len(key))) % len(key)  # twice as fast as `argsort`
-    total, peak = _around(votes, key, order, stride)
-    best = peak[np.argsort(-total[peak, 0], kind="mergesort")][:most]
-    return total[best, 1:] / total[best, :1]
-
-
-@compiled_within
-def _around(votes: Array, key: Index, order: Index, stride: int) -> tuple[Array, Index]:
-    """(bins, 3) weight and weighted sum of the votes in the 3 x 3 bins around each non-empty bin, and which bins are
-    local maxima.
-
-    `key` (V,) are the votes' bins, `order` sorts them.
-    """
-    bin_of, keys, bins = np.empty(len(key), dtype=np.int64), np.empty(len(key), dtype=np.int64), 0
-    for n in order:
-        if bins == 0 or key[n] != keys[bins - 1]:
-            keys[bins] = key[n]
-            bins += 1
-        bin_of[n] = bins - 1
-    own = np.zeros((bins, 3))
-    for n in range(len(key)):
-        own[bin_of[n], 0] += votes[n, 0]
-        own[bin_of[n], 1] += votes[n, 0] * votes[n, 1]
-        own[bin_of[n], 2] += votes[n, 0] * votes[n, 2]
-    total, ahead = own.copy(), np.full((bins, 4), -1)  # of the bins around each, those that come later
-    shifts, at, peak = (1, stride - 1, stride, stride + 1), np.zeros(4, dtype=np.int64), np.ones(bins, dtype=np.bool_)
-    for n in range(bins):
-        for side in range(4):
-            while at[side] < bins and keys[at[side]] < keys[n] + shifts[side]:
-                at[side] += 1
-            m = at[side]
-            if m < bins and keys[m] == keys[n] + shifts[side]:
-                ahead[n, side] = m
-                for d in range(3):
-                    total[n, d] += own[m, d]
-                    total[m, d] += own[n, d]
-    for n in range(bins):
-        for side in range(4):
-            m = ahead[n, side]
-            if m >= 0 and total[m, 0] != total[n, 0]:
-                peak[n if total[m, 0] > total[n, 0] else m] = False
-    return total, np.flatnonzero(peak)
+    cell = np.floor(place / PLACE_BIN).astype(np.int64)
+    cell -= cell.min(axis=0) - 1
+    stride = cell[:, 1].max() + 2
+    keys, bin_of = np.unique(cell[:, 0] * stride + cell[:, 1], return_inverse=True)
+    own = np.column_stack([np.bincount(bin_of, each) for each in (weight, weight * place[:, 0], weight * place[:, 1])])
+    total, most = own.copy(), np.zeros(len(keys))
+    neighbours = []
+    for shift in (-stride - 1, -stride, 1 - stride, -1, 1, stride - 1, stride, stride + 1):
+        there = np.minimum(np.searchsorted(keys, keys + shift), len(keys) - 1)
+        here = np.flatnonzero(keys[there] == keys + shift)
+        total[here] += own[there[here]]
+        neighbours.append((here, there[here]))
+    for here, there in neighbours:
+        most[here] = np.maximum(most[here], total[there, 0])
+    peak = total[total[:, 0] >= most]
+    peak = peak[np.argsort(-peak[:, 0], kind="stable")]
+    return peak[:, 1:] / peak[:, :1]

@@ -136,9 +136,9 @@ def _free_in_container_gb() -> float:
 
 
 def _cache() -> Finding:
-    from data.plans.bim import user_cache
+    from data.plans.bim import plan_cache
 
-    folder = user_cache()
+    folder = plan_cache()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

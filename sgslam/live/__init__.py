@@ -1,7 +1,7 @@
 """Live use: each scan is answered at once, while the map is built in another process."""
 
-from sgslam.live.answer import Answer, HeldAnchor
+from sgslam.cli.processes.messages import HeldAnchor
+from sgslam.live.answer import Answer
 from sgslam.live.live_slam import LiveSlam
-from sgslam.live.messages import LiveInputs
 
-__all__ = ["Answer", "HeldAnchor", "LiveInputs", "LiveSlam"]
+__all__ = ["Answer", "HeldAnchor", "LiveSlam"]

@@ -11,7 +11,7 @@ from data.common.errors import UserError
 
 def main(arguments: list[str] | None = None) -> int:
     """The command; returns 0 once the results are written. Raises UserError."""
-    from sgslam.live.options import inputs_of, parser
+    from sgslam.live.options import checked_config, parser
 
     options = parser().parse_args(arguments)
     # imported only now, so that --help and a missing argument respond at once
@@ -24,23 +24,23 @@ def main(arguments: list[str] | None = None) -> int:
     from sgslam.live.live_slam import LiveSlam
     from sgslam.live.loop import LiveLoop
 
-    inputs, stream = inputs_of(options), _opened(options.source, options.topic)
-    stream.stamped = inputs.config.tracking.stamp
+    config, stream = checked_config(options), _opened(options.source, options.topic)
+    stream.stamped = config.tracking.stamp
     threadpool_limits(1, user_api="blas")  # a scan is small: more threads would only wait for each other
     sys.setswitchinterval(1e-4)  # with the default interval the reading thread delays the answers
     logging.getLogger("sgslam").setLevel(logging.INFO)
     with interruptible() as interruption:
-        live = LiveSlam.of(inputs, options.most_waiting)
+        live = LiveSlam.of(options, config, options.most_waiting)
         gc.freeze()  # what is loaded stays: the garbage collector need not scan it
         poses = None if options.source == "-" else PoseLines(sys.stdin)
         loop = LiveLoop(live, stream, sys.stdout, poses, options.idle, lambda: bool(interruption))
-        print(f"ready; results will be in {inputs.out}", file=sys.stderr)
+        print(f"ready; results will be in {options.out}", file=sys.stderr)
         fault = loop.run()
     print(f"{live.waiting} scans still wait for the map; then the results are written", file=sys.stderr)
     metrics = live.finish(stream.skipped, stream.remarks, {"since_arrival": loop.latencies.to_dict()})
-    print(_summary(metrics, inputs.out), file=sys.stderr)
+    print(_summary(metrics, options.out), file=sys.stderr)
     if fault is not None:
-        raise UserError(f"{fault}; the results so far are in {inputs.out}")
+        raise UserError(f"{fault}; the results so far are in {options.out}")
     return 0
 
 

@@ -1,24 +1,16 @@
 """The answer to a scan: where the sensor is, how well it is tracked, and what ties the map to the building."""
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data.geometry.poses import poses_to_xyzquat
+from sgslam.cli.processes.messages import HeldAnchor
 from sgslam.types import Health
 
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class HeldAnchor:
-    """An anchor that holds: the wall `wall` of the S-graph, the surface `a_id` of the plan, and how tightly."""
-
-    wall: str
-    a_id: str
-    state: Literal["tight", "loose"]
 
 
 @dataclass(frozen=True, eq=False)

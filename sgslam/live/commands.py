@@ -8,7 +8,7 @@ import threading
 from contextlib import suppress
 from typing import TextIO
 
-from sgslam.live.messages import Pose2
+from sgslam.cli.processes.messages import Pose2
 
 _FORM = "initialpose X Y YAW (m, m, rad)"
 

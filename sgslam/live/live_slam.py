@@ -1,7 +1,8 @@
 """Live use from Python: `LiveSlam`."""
 
 import atexit
-import logging
+from argparse import Namespace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from types import TracebackType
@@ -11,15 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.scans.scan import SkippedScan
+from sgslam.cli.job.scan_inputs import PassedScans, ScanInputs
+from sgslam.cli.processes.mapping_process import MappingProcess
+from sgslam.cli.processes.messages import MapInputs, MapState
+from sgslam.cli.processes.tracking_side import TrackingSide
 from sgslam.config import Config
 from sgslam.live.answer import Answer
 from sgslam.live.latencies import Latencies
-from sgslam.live.log_lines import LogLines
-from sgslam.live.mapping_process import MappingProcess
-from sgslam.live.messages import FinishMessage, LiveInputs, MapState, StartMessage, TrackedMessage
-from sgslam.live.warm_up import warm_up
-from sgslam.tracking import RunTracker
+from sgslam.run import default_options as run_options
 from sgslam.types import Health, TrackedScan
+from sgslam.warm_up import compile_ahead, warm_up
 
 Floats = NDArray[np.float64]
 MOST_WAITING = 600  # scans: a minute at 10 Hz; 20,000 points take 0.5 MB
@@ -43,33 +45,37 @@ class LiveSlam:
     ) -> None:  # fmt: skip
         """Returns once both processes are ready; the first time after an installation, compilation takes a minute.
         Raises UserError for unusable input."""
-        bim, map = None if bim is None else Path(bim), None if map is None else Path(map)
-        inputs = LiveInputs(Path(out), config or Config(), bim, map=map, storey=storey, start=start)
-        self._begin(inputs, most_waiting)
+        config, options = config or Config(), run_options()
+        options.out, options.bim, options.map = Path(out), bim and Path(bim), map and Path(map)
+        options.storey, options.start = storey, start and ",".join([repr(value) for value in start])
+        self._begin(options, config, most_waiting)
 
     @classmethod
-    def of(cls, inputs: LiveInputs, most_waiting: int = MOST_WAITING) -> "LiveSlam":
-        """With all inputs in one. Raises UserError."""
+    def of(cls, options: Namespace, config: Config, most_waiting: int = MOST_WAITING) -> "LiveSlam":
+        """With the options of `sgslam live`. Raises UserError."""
         live = cls.__new__(cls)
-        live._begin(inputs, most_waiting)
+        live._begin(Namespace(**{**vars(run_options()), **vars(options)}), config, most_waiting)
         return live
 
-    def _begin(self, inputs: LiveInputs, most_waiting: int) -> None:
-        self._tracking = RunTracker(inputs.config)
+    def _begin(self, options: Namespace, config: Config, most_waiting: int) -> None:
+        """`options` are those of `sgslam run`."""
+        compile_ahead().wait()
+        options.single_pass = True
+        scans = ScanInputs(None, config, PassedScans(options.out))
         self._T_odom_sensor: Floats = np.eye(4)
         self._health: Health | None = None
-        self._seconds, self._latencies = 0.0, Latencies()
-        self._map = MappingProcess(inputs, most_waiting)
+        self._latencies = Latencies()
+        self._map = MappingProcess(most_waiting, warns=True)
         try:
-            warm_up(inputs.config, with_map=False)  # while that process reads the building
+            self._map.begin(MapInputs(options, scans, partial(warm_up, config, with_map=True), outlives=True))
+            warm_up(config, with_map=False)  # while that process reads the building
             self._map.wait_until_ready()
         except BaseException:
             self._map.kill()
             raise
         self._is_open = True
         atexit.register(self._map.end)  # without a call of finish the results are written all the same
-        self._lines = LogLines(self._map)
-        logging.getLogger("sgslam").addHandler(self._lines)
+        self._side = TrackingSide(config, self._map)
 
     def add_scan(self, stamp_ns: int, points: NDArray[np.floating[Any]], point_times: Floats | None = None) -> Answer:
         """Tracks a scan, given by its stamp in nanoseconds and its points (N, 3) in metres in the sensor frame.
@@ -79,24 +85,21 @@ class LiveSlam:
         ended.
         """
         began = perf_counter()
-        scans = self._tracking.track(stamp_ns, points, point_times)
-        self._seconds += perf_counter() - began
-        self._hand_over(scans)
-        self._T_odom_sensor, self._health = self._newest(scans)
+        self._T_odom_sensor, self._health = self._newest(self._side.add_scan(stamp_ns, points, point_times))
         answer = self._answer(int(stamp_ns), self._map.state, perf_counter() - began)
         self._latencies.add(answer.seconds, answer.waiting)
         return answer
 
     def add_imu(self, stamp_ns: int | NDArray[np.int64], gyro: Floats, accel: Floats) -> None:
         """As `SceneGraphSlam.add_imu`, errors included: add the samples up to a scan's end before the scan."""
-        self._tracking.motion.add_imu(stamp_ns, gyro, accel)
+        self._side.add_imu(stamp_ns, gyro, accel)
 
     def set_start(self, x: float, y: float, yaw: float) -> None:
         """Gives a rough present pose of the sensor: x, y (m) and heading (rad) in the BIM frame.
 
         It decides between places that fit the map equally well. A map that is anchored already is not moved.
         """
-        self._map.put(StartMessage((x, y, yaw)))
+        self._map.put("set_start", pose=(x, y, yaw))
 
     def finish(
         self, skipped: list[SkippedScan] | None = None, remarks: list[str] | None = None,
@@ -108,12 +111,9 @@ class LiveSlam:
         for all scans. Raises UserError if no scan was added, or if the other process has ended.
         """
         self._is_open = False
-        self._hand_over(self._tracking.release())
-        logging.getLogger("sgslam").removeHandler(self._lines)
         live = {"live": {**self._latencies.to_dict(), **(measured or {})}}
-        told = FinishMessage(self._seconds, tuple(skipped or ()), tuple(remarks or ()), live)
         try:
-            return self._map.finish(told)
+            return self._side.finish(skipped=skipped or (), remarks=remarks or (), measured=live)
         finally:
             atexit.unregister(self._map.end)
 
@@ -130,23 +130,19 @@ class LiveSlam:
         """The number of scans that are tracked and wait for the map."""
         return self._map.waiting
 
-    def _hand_over(self, scans: list[TrackedScan]) -> None:
-        for scan in scans:
-            self._map.put(TrackedMessage(scan, self._tracking.notes))
-
     def _newest(self, scans: list[TrackedScan]) -> tuple[Floats, Health | None]:
         """(4, 4) T_odom_sensor of the newest scan and its health, None while it waits."""
-        waiting = self._tracking.waiting
+        waiting = self._side.tracking.waiting
         if waiting is not None:
             return waiting, None
-        if (held := self._tracking.held) is not None:
+        if (held := self._side.tracking.held) is not None:
             return held.T_odom_sensor, "lost"
         return scans[-1].T_odom_sensor, scans[-1].health
 
     def _answer(self, stamp_ns: int, known: MapState, seconds: float) -> Answer:
-        is_this = known.part == self._tracking.part  # else the map is that of the frame `odom` before
+        is_this = known.part == self._side.tracking.part  # else the map is that of the frame `odom` before
         return Answer(
             stamp_ns, self._T_odom_sensor, known.T_map_odom if is_this else np.eye(4),
             known.T_bim_map if is_this else None, self._health, (known.anchors or ()) if is_this else (),
-            known.map_stamp_ns, self._tracking.part, known.keyframes, self._map.waiting, seconds,
+            known.map_stamp_ns, self._side.tracking.part, known.keyframes, self._map.waiting, seconds,
         )  # fmt: skip

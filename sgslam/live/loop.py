@@ -12,7 +12,8 @@ from typing import Any, TextIO
 from data.common.errors import UserError
 from data.scans import Scan
 from data.streams import Arrival, ScanStream
-from sgslam.live.answer import Answer, HeldAnchor
+from sgslam.cli.processes.messages import HeldAnchor
+from sgslam.live.answer import Answer
 from sgslam.live.commands import PoseLines
 from sgslam.live.latencies import Latencies
 from sgslam.live.live_slam import LiveSlam

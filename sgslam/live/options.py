@@ -5,7 +5,7 @@ from pathlib import Path
 
 from data.common.cli import Parser
 from data.common.errors import UserError
-from sgslam.live.messages import LiveInputs
+from sgslam.config import Config
 
 DEFAULT_WAITING = 600  # scans
 
@@ -34,8 +34,8 @@ def parser() -> argparse.ArgumentParser:
     return made
 
 
-def inputs_of(options: argparse.Namespace) -> LiveInputs:
-    """The inputs that the options name. Raises UserError."""
+def checked_config(options: argparse.Namespace) -> Config:
+    """The settings that the options give; the folder for the results is made. Raises UserError for wrong options."""
     from sgslam.cli.job.arguments import out_folder, read_config, read_start
 
     if options.odometry is not None and Path(options.odometry).is_file():
@@ -45,8 +45,7 @@ def inputs_of(options: argparse.Namespace) -> LiveInputs:
     if options.most_waiting < 1:
         raise UserError(f"--most-waiting {options.most_waiting}: give 1 or more")
     config, _ = read_config(options)
-    start = None if options.start is None else read_start(options.start)
-    return LiveInputs(
-        out_folder(options), config, options.bim, tuple(options.layer), options.map, options.storey, start,
-        options.ground_truth, options.verbose,
-    )  # fmt: skip
+    if options.start is not None:
+        read_start(options.start)
+    options.out = out_folder(options)
+    return config

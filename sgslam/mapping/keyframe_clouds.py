@@ -135,5 +135,6 @@ def one_a_direction(points: NDArray[np.floating], spacing: float) -> NDArray[np.
     width = spacing / _SHELL ** (shell + 0.5)
     ring = np.floor(np.arcsin(points[:, 2] / away) / width).astype(np.int64)
     around = np.arctan2(points[:, 1], points[:, 0]) * np.cos((ring + 0.5) * width)
-    cells = np.column_stack([shell, ring, np.floor(around / width).astype(np.int64)])
-    return np.sort(np.unique(cells, axis=0, return_index=True)[1])
+    across = np.floor(around / width).astype(np.int64)
+    cells = (((shell << 21) + ring) << 21) + across  # one number for all three, which are far below 20 bits
+    return np.sort(np.unique(cells, return_index=True)[1])

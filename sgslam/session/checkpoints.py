@@ -15,7 +15,15 @@ SHARE = 0.01  # of the run time that writing checkpoints may take
 _log = logging.getLogger(__name__)
 
 
-class Resumable(Protocol):
+class Restorable(Protocol):
+    """An object that takes a run's state."""
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Restores a tree that `state` returned. Raises KeyError, TypeError or ValueError if it does not fit."""
+        ...
+
+
+class Resumable(Restorable, Protocol):
     """An object whose state can be saved and restored, such as `SceneGraphSlam`."""
 
     @property
@@ -25,10 +33,6 @@ class Resumable(Protocol):
 
     def state(self) -> dict[str, Any]:
         """The complete state as a tree (see `state_tree`)."""
-        ...
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Restores a tree that `state` returned. Raises KeyError, TypeError or ValueError if it does not fit."""
         ...
 
 
@@ -48,12 +52,15 @@ class Checkpoints:
         if perf_counter() - self._written >= max(self._took / SHARE, LEAST_S):
             self.write(slam, progress)
 
-    def write(self, slam: Resumable, progress: dict[str, Any], finished: bool = False) -> bool:
-        """Writes a checkpoint; returns whether that succeeded."""
+    def write(
+        self, slam: Resumable, progress: dict[str, Any], finished: bool = False, tracking: dict[str, Any] | None = None
+    ) -> bool:  # fmt: skip
+        """Writes a checkpoint; returns whether that succeeded. `tracking` is the state of a tracker elsewhere."""
         began = perf_counter()
         about = {**self._about, "finished": finished, "keyframes": slam.keyframes}
         try:
-            write_state(self.path, about, {"slam": slam.state(), "progress": progress}, TYPES)
+            state = slam.state() if tracking is None else {**slam.state(), "tracking": tracking}
+            write_state(self.path, about, {"slam": state, "progress": progress}, TYPES)
         except OSError as error:
             if not self._failed:
                 _log.warning("%s: cannot save the run's state (%s); the run goes on without", self.path, error.strerror)
@@ -73,16 +80,16 @@ def about_run(folder: Path) -> dict[str, Any]:
     return read_about(folder / FILE)
 
 
-def load(folder: Path, slam: Resumable) -> dict[str, Any]:
+def load(folder: Path, slam: Restorable, with_tracking: bool = True) -> dict[str, Any]:
     """Restores a run's state into `slam`, made for the same building with the same settings; returns the progress that
-    was saved with it.
+    was saved with it. `with_tracking`: also that of the tracker.
 
     Raises UserError if the file is missing, damaged, of another version, or of a different run.
     """
     about_run(folder)
     _, state = read_state(folder / FILE, TYPES)
     try:
-        slam.restore(state["slam"])
+        slam.restore(state["slam"] if with_tracking else {**state["slam"], "tracking": None})
         progress: dict[str, Any] = dict(state["progress"])
     except (KeyError, IndexError, ValueError, TypeError, AttributeError) as error:
         why = f"{type(error).__name__}: {error}"

@@ -37,7 +37,7 @@ _LEAST_SHARE = 0.3  # of the sightings of a moved surface: if nearly all are bef
 
 
 def element_verdicts(
-    elements: list["PlannedElement"], views: Sequence[View], plan: SceneGraph, tolerance: float, shared: float
+    elements: Sequence["PlannedElement"], views: Sequence[View], plan: SceneGraph, tolerance: float, shared: float
 ) -> list[ElementVerdict]:
     """A verdict for each element, in their order.
 

@@ -67,4 +67,9 @@ def three_numbers(option: str, text: str, form: str, example: str) -> tuple[floa
 
 def out_folder(options: argparse.Namespace) -> Path:
     """The folder for the results, created if needed. Raises UserError if it cannot be written to."""
-    return prepare_folder(options.out or Path("out") / datetime.now().strftime("%Y-%m-%d_%H-%M-%S"))
+    return prepare_folder(options.out or default_out())
+
+
+def default_out() -> Path:
+    """The folder for the results of a run that begins now."""
+    return Path("out") / datetime.now().strftime("%Y-%m-%d_%H-%M-%S")

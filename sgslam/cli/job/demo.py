@@ -8,6 +8,7 @@ from data.generation.demo_building import DEMO_STOREYS, write_demo_building
 from data.scene_graph import Floor, SceneGraph
 from data.simulation.simulate import simulate
 from sgslam.anchoring import check_storey
+from sgslam.warm_up import compile_ahead
 
 
 def make_demo(options: argparse.Namespace, out: Path) -> None:
@@ -24,6 +25,7 @@ def make_demo(options: argparse.Namespace, out: Path) -> None:
     write_demo_building(options.bim)
     names = " and ".join(f"'{name}'" for name in DEMO_STOREYS)
     print(f"demo: simulating a LiDAR drive through {names} in {drive}")
+    compile_ahead()  # meanwhile
     simulate(options.bim, DEMO_STOREYS, drive, seed=options.seed, min_rooms=4, min_length=30.0)
     options.scan_dir, options.ground_truth = drive / "scans", drive / "truth.tum"
     print("demo: running SLAM on the scans and the building")

@@ -1,6 +1,7 @@
 """A job in its output folder: the run over its scans, and the results."""
 
 import logging
+from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -40,11 +41,12 @@ _DATED = 946_684_800_000_000_000  # ns, 2000-01-01 in Unix time; smaller stamps 
 class Run:
     """A job in its output folder: the SLAM system, its progress and its checkpoints."""
 
-    def __init__(self, job: Job, out: Path) -> None:
-        """Raises UserError if the inputs differ from those of the run to be resumed."""
-        self._job, self._out, options, resumed = job, out, job.options, job.resumed_from
+    def __init__(self, job: Job, out: Path, tracks: bool = True) -> None:
+        """`tracks`: not where another process does. Raises UserError if the inputs differ from those of the run to be
+        resumed."""
+        self._job, self._out, options, resumed = job, out, job.options, job.scan_inputs.resumed_from
         self._hints = {"storey": options.storey, "start": job.start}
-        told = {**self._hints, "topic": options.topic, "imu": None if job.imu is None else job.imu.digest()}
+        told = {**self._hints, "topic": options.topic, "imu": job.scan_inputs.imu_digest}
         inputs = run_fingerprint(job.scans, job.a_graph, job.config, told, options.map)
         if resumed is not None:
             check_unchanged(out, resumed, inputs)
@@ -64,7 +66,7 @@ class Run:
         self.slam = SceneGraphSlam(
             job.bim, job.matcher, job.config, clouds=clouds, prior=job.prior_map, storey=options.storey
         )  # fmt: skip
-        self.progress = Progress() if resumed is None else Progress(**load(out, self.slam))
+        self.progress = Progress() if resumed is None else Progress(**load(out, self.slam, tracks))
         self._warnings[:0] = self.progress.warnings  # those before the interruption come first
         self.progress.warnings = self._warnings
         self.checkpoints = Checkpoints(out, {**inputs, "arguments": run_arguments(options)})
@@ -72,16 +74,27 @@ class Run:
             self.checkpoints.write(self.slam, self.progress.to_dict())
         _log.info("%d scans in %s; building: %s", len(job.scans), job.scans.path, options.bim or "none")
 
-    def finish(self, stopped: str | None, measured: dict[str, Any] | None = None) -> dict[str, Any]:
-        """Writes the results to the folder; returns the content of metrics.json, to which `measured` is added. Raises
-        UserError, after writing, if the run stopped early, for the reason `stopped`."""
+    def take_progress(self, progress: Mapping[str, Any]) -> None:
+        """Takes the progress of the process that tracks; the warnings come here anyway."""
+        self.progress = Progress(**{**progress, "warnings": self._warnings})
+
+    def finish(
+        self, stopped: str | None, measured: dict[str, Any] | None = None, cpu_elsewhere: float = 0.0
+    ) -> dict[str, Any]:  # fmt: skip
+        """Writes the results to the folder; returns the content of metrics.json, to which `measured` is added, and the
+        CPU seconds of the process that tracked. Raises UserError, after writing, if the run stopped early, for the
+        reason `stopped`."""
         job, out = self._job, self._out
         for skipped in job.scans.skipped:
             _log.warning("%s: skipped, %s", skipped.name, skipped.reason)
         for remark in job.scans.remarks:
             _log.warning("%s", remark)
         result = self._result(is_last=stopped is not None or job.options.single_pass or not job.scans.is_dense)
-        more = {"scans_skipped": len(job.scans.skipped), **self._numbers(result, stopped), **(measured or {})}
+        more = {
+            "scans_skipped": len(job.scans.skipped),
+            **self._numbers(result, stopped, cpu_elsewhere),
+            **(measured or {}),
+        }
         metrics = save_result(result, out, truth=job.truth, more=more)
         _log.info("%s: %s", badge(metrics), result.reason)
         if stopped is not None:
@@ -94,19 +107,17 @@ class Run:
     def _result(self, is_last: bool) -> Result:
         """The result, after a second pass unless the first one `is_last`."""
         job = self._job
-        if not is_last:
-            self.checkpoints.write(self.slam, self.progress.to_dict())  # who is interrupted now loses no scan
         try:
             result = self.slam.finish(second_pass=not is_last)
         except KeyboardInterrupt:
             if is_last:
                 raise
-            raise UserError(f"interrupted after the last scan; {_hint(self._out)}") from None
+            raise interrupted(self._out) from None
         if not is_last and result.trajectory_live is None:
             _log.info("no second pass: runs in several parts, with --map or with --imu have none")
         return replace(result, given=job.scans.given)
 
-    def _numbers(self, result: Result, stopped: str | None) -> dict[str, Any]:
+    def _numbers(self, result: Result, stopped: str | None, cpu_elsewhere: float) -> dict[str, Any]:
         """What metrics.json has beyond the result's own: times, what the user stated, warnings, errors, the header."""
         job = self._job
         total, cpu_seconds = perf_counter() - job.began, process_time() - job.cpu_began
@@ -114,7 +125,7 @@ class Run:
             _log.info("factors, %s: %s", kind, ", ".join(f"{number} {what}" for what, number in count.items()))
         numbers: dict[str, Any] = {
             "seconds": {**result.seconds, "bim": job.bim_seconds, **self.progress.seconds, "total": total},
-            "cpu_seconds": cpu_seconds,  # of all threads
+            "cpu_seconds": cpu_seconds + cpu_elsewhere,  # of all threads
             "told": {**self._hints, "mount": job.config.tracking.mount},
             "advice": list(dict.fromkeys([*self._warnings, *result.advice, *([stopped] if stopped else [])])),
             "about": _about(job, result),
@@ -122,6 +133,11 @@ class Run:
         if job.truth is not None:
             numbers["accuracy"] = _accuracy(result, job.truth, in_one_part=not self.slam.kidnaps)
         return numbers
+
+
+def interrupted(out: Path) -> UserError:
+    """What is said where the user interrupts a run after its last scan."""
+    return UserError(f"interrupted after the last scan; {_hint(out)}")
 
 
 def _hint(out: Path) -> str:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from time import perf_counter
 from types import FrameType
-from typing import Any, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +17,31 @@ from data.imu import ImuSamples
 from data.scans import ScanSource
 from sgslam.odometry.external import ExternalOdometry
 from sgslam.session import Checkpoints, Update
+from sgslam.session.checkpoints import Resumable
 from sgslam.slam import SceneGraphSlam
 
 _SCAN_NS = 200_000_000  # as long as a scan lasts at most, from its stamp on
 
 ScanCallback: TypeAlias = Callable[[SceneGraphSlam, Update, NDArray[np.float64]], None]
+
+
+class TakesScans(Resumable, Protocol):
+    """`SceneGraphSlam`, or what takes its place where another process builds the map."""
+
+    @property
+    def add_scan(self) -> Callable[..., Any]:
+        """See `SceneGraphSlam.add_scan`."""
+        ...
+
+    @property
+    def add_imu(self) -> Callable[..., None]:
+        """See `SceneGraphSlam.add_imu`."""
+        ...
+
+    @property
+    def newest_imu_ns(self) -> int | None:
+        """The stamp of the newest IMU sample; None before the first."""
+        ...
 
 
 @dataclass
@@ -72,14 +92,15 @@ def interruptible() -> Iterator[Interruption]:
 
 
 def run_scans(
-    slam: SceneGraphSlam, scans: ScanSource, progress: Progress, checkpoints: Checkpoints,
+    slam: TakesScans, scans: ScanSource, progress: Progress, checkpoints: Checkpoints,
     odometry: ExternalOdometry | None = None, on_scan: Sequence[ScanCallback] = (),
     imu: ImuSamples | None = None,
 ) -> str | None:  # fmt: skip
     """Adds the scans after `progress.index` and updates `progress`; returns the reason if it stops early, else None.
 
-    `odometry` is an external odometry; `imu` holds the samples of an IMU; `on_scan` are called after each scan. Raises
-    UserError if not even one scan could be added, and KeyboardInterrupt at the second interrupt.
+    `odometry` is an external odometry; `imu` holds the samples of an IMU; `on_scan` are called after each scan, where
+    this process builds the map. Raises UserError if not even one scan could be added, and KeyboardInterrupt at the
+    second interrupt.
     """
     from rich.console import Console
     from rich.progress import Progress as Bar
@@ -101,6 +122,7 @@ def run_scans(
                 step = scan.step_covariance if odometry is None else None
                 update = slam.add_scan(scan.stamp_ns, scan.points, scan.point_times, T_odom_sensor, step)
                 for watcher in on_scan:
+                    assert isinstance(slam, SceneGraphSlam)
                     watcher(slam, update, scan.points)
                 progress.index, progress.fed = scan.index, progress.fed + 1
                 bar.update(task, completed=scan.index + 1)
@@ -112,10 +134,11 @@ def run_scans(
             if not progress.fed:
                 raise
             return str(error)
+    checkpoints.write(slam, progress.to_dict())  # who is interrupted while the map is completed loses no scan
     return None
 
 
-def _add_imu(slam: SceneGraphSlam, imu: ImuSamples | None, stamp_ns: int) -> None:
+def _add_imu(slam: TakesScans, imu: ImuSamples | None, stamp_ns: int) -> None:
     """Adds the samples until the end of a scan that were not added yet."""
     if imu is None:
         return

@@ -18,10 +18,11 @@ from drives import fed, small_drive
 
 from data.common.errors import UserError
 from data.trajectory import Trajectory
+from sgslam.cli.processes.run_map import map_start
+from sgslam.cli.processes.tracking_side import LogLines
 from sgslam.live import LiveSlam
 from sgslam.live.commands import read_pose
 from sgslam.live.latencies import Latencies
-from sgslam.live.live_map import map_start
 from sgslam.slam import SceneGraphSlam
 
 PART = 150  # scans of the small drive, after which it is anchored
@@ -100,7 +101,7 @@ def test_where_the_process_that_maps_is_ended_that_is_told(tmp_path: Path) -> No
     with pytest.raises(UserError, match="ended with exit code -9"):
         live.finish()
     assert "was live" in refused("sgslam.run", "--resume", tmp_path / "out")
-    assert not any(handler.__module__ == "sgslam.live.live_slam" for handler in logging.getLogger("sgslam").handlers)
+    assert not any(isinstance(handler, LogLines) for handler in logging.getLogger("sgslam").handlers)
 
 
 def test_a_pose_told_now_is_one_of_the_maps_origin() -> None:

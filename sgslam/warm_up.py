@@ -1,11 +1,15 @@
-"""A short drive through a room, so that every inner loop is loaded before the first scan of a live run comes."""
+"""A short drive through a room, so that every inner loop is compiled and loaded before the first scan comes."""
 
 import logging
 from collections.abc import Iterator
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from data.common.compiling import Compilation
+from matching import Matcher
+from matching.matcher import make_ready
 from sgslam.config import Config
 from sgslam.slam import SceneGraphSlam
 from sgslam.tracking import RunTracker
@@ -17,6 +21,20 @@ _SCANS, _LOST = 50, 12  # in the room, and in the other one, in which the sensor
 _PERIOD_NS = 100_000_000
 _SPEED = 0.5  # m/s
 _SPAN = 0.09  # s, of a scan
+
+
+@cache
+def compile_ahead() -> Compilation:
+    """Begins to compile what a run needs; `wait` for it before the first scan."""
+    return Compilation(_track, _match)
+
+
+def _track() -> None:
+    warm_up(Config(), with_map=True)
+
+
+def _match() -> None:
+    make_ready(Matcher.load())
 
 
 def warm_up(config: Config, with_map: bool) -> None:

@@ -1,0 +1,119 @@
+"""The map of a run in its output folder: it is built from scans that another process tracks."""
+
+import logging
+import threading
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from time import perf_counter
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.errors import UserError
+from data.plans.bim import IFC_SUFFIXES
+from data.scans.scan import SkippedScan
+from matching.matcher import make_ready
+from sgslam.cli.job.arguments import out_folder
+from sgslam.cli.job.inputs import read_job
+from sgslam.cli.job.run import Run
+from sgslam.cli.processes.messages import HeldAnchor, MapInputs, MapState, Pose2
+from sgslam.slam import SceneGraphSlam
+from sgslam.tracking import TrackerNotes
+from sgslam.types import TrackedScan
+
+Floats = NDArray[np.float64]
+_log = logging.getLogger(__name__)
+
+
+class RunMap:
+    """The map of a run whose scans another process reads and tracks."""
+
+    def __init__(self, inputs: MapInputs) -> None:
+        """Raises UserError for what is wrong with the inputs."""
+        if inputs.prepare is not None:
+            inputs.prepare()
+        self._scans = inputs.scans.scans
+        job = read_job(inputs.options, inputs.scans)
+        self._run, self._matcher = Run(job, out_folder(inputs.options), tracks=False), job.matcher
+        if job.bim is not None and job.bim.path is not None and job.bim.path.suffix.lower() in IFC_SUFFIXES:
+            threading.Thread(target=_elements_ahead, args=(job.bim.path,), daemon=True).start()
+        if inputs.outlives and (job.bim is not None or job.prior_map is not None):  # live: matching is not to stall
+            make_ready(job.matcher)
+        self._mapped, self._checkpoint_s = 0, 0.0
+        self._anchors: tuple[HeldAnchor, ...] = ()
+
+    @property
+    def _slam(self) -> SceneGraphSlam:
+        return self._run.slam
+
+    def add(self, scan: TrackedScan, notes: TrackerNotes) -> MapState:
+        """Adds a tracked scan, with the tracker's notes then; returns the state of the map."""
+        self._slam.add_tracked(scan, notes)
+        self._mapped += 1
+        slam, anchors = self._slam, _held(self._slam)
+        changed = anchors != self._anchors
+        self._anchors = anchors
+        return MapState(
+            self._mapped, slam.kidnaps, slam.T_map_odom, slam.T_bim_map, anchors if changed else None,
+            slam.newest_mapped_ns, slam.keyframes, self._checkpoint_s,
+        )  # fmt: skip
+
+    def set_start(self, pose: Pose2) -> None:
+        """Takes a pose of the sensor now for the start of matching; what is anchored stays so."""
+        now = self._slam.T_map_sensor
+        self._matcher.start = pose if now is None else map_start(pose, now)
+        _log.info("the user gives the sensor's pose: x, y, yaw = %.2f, %.2f, %.2f", *pose)
+
+    def log(self, name: str, level: int, text: str) -> None:
+        """Adds a line to the log of the run."""
+        logging.getLogger(name).log(level, "%s", text)
+
+    def save(self, tracking: dict[str, Any], progress: dict[str, Any]) -> None:
+        """Writes a checkpoint, with the states of the tracker and of `Progress` after the scans so far."""
+        began = perf_counter()
+        self._run.take_progress(progress)
+        self._run.checkpoints.write(self._slam, self._run.progress.to_dict(), tracking=tracking)
+        self._checkpoint_s = perf_counter() - began
+
+    def finish(
+        self, seconds: float = 0.0, cpu_seconds: float = 0.0, skipped: Sequence[SkippedScan] = (),
+        remarks: Sequence[str] = (), stopped: str | None = None, progress: Mapping[str, Any] = MappingProxyType({}),
+        measured: dict[str, Any] | None = None,
+    ) -> dict[str, Any]:  # fmt: skip
+        """Completes the map and writes the results, as no scan comes any more, for the reason `stopped` where it is not
+        the last one; returns the content of metrics.json, to which `measured` is added. Raises UserError.
+
+        `seconds` are those of tracking, `cpu_seconds` those of all that the other process did.
+        """
+        self._scans.skipped, self._scans.remarks = list(skipped), list(remarks)
+        self._slam.seconds["odometry"] += seconds
+        self._run.take_progress(progress)
+        return self._run.finish(stopped, measured, cpu_seconds)
+
+
+def _elements_ahead(ifc: Path) -> None:
+    """Computes the shapes of a model's elements, which the results need, while this process waits for scans."""
+    from data.plans.elements import planned_elements  # loads ifcopenshell
+
+    with suppress(UserError):  # it is raised again when they are needed
+        planned_elements(ifc)
+
+
+def map_start(pose: Pose2, T_map_sensor: Floats) -> Pose2:
+    """x, y, yaw of the map's origin in the BIM frame, for a sensor at `pose` there and at (4, 4) in the map."""
+    x, y, yaw = pose
+    turned = yaw - float(np.arctan2(T_map_sensor[1, 0], T_map_sensor[0, 0]))
+    c, s = np.cos(turned), np.sin(turned)
+    along, across = T_map_sensor[:2, 3]
+    return x - float(c * along - s * across), y - float(s * along + c * across), turned
+
+
+def _held(slam: SceneGraphSlam) -> tuple[HeldAnchor, ...]:
+    return tuple(
+        HeldAnchor(f"w{record.wall}", record.a_id, record.state)
+        for record in slam.anchors
+        if record.state != "withdrawn"
+    )

@@ -1,0 +1,102 @@
+"""The side of the process that tracks: scans in, tracked ones to the process that maps."""
+
+import logging
+from contextlib import suppress
+from time import perf_counter, process_time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.errors import UserError
+from sgslam.cli.processes.mapping_process import MappingProcess
+from sgslam.config import Config
+from sgslam.session import Checkpoints
+from sgslam.tracking import RunTracker
+from sgslam.types import TrackedScan
+
+Floats = NDArray[np.float64]
+
+
+class LogLines(logging.Handler):
+    """Sends log lines to the process that keeps the log of the run."""
+
+    def __init__(self, mapping: MappingProcess) -> None:
+        super().__init__(logging.INFO)
+        self._mapping = mapping
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """See `logging.Handler`."""
+        with suppress(UserError):  # the other process has ended
+            self._mapping.put("log", name=record.name, level=record.levelno, text=record.getMessage())
+
+
+class TrackingSide:
+    """Tracks scans, and hands each over to a `mapping` process that is ready."""
+
+    def __init__(self, config: Config, mapping: MappingProcess) -> None:
+        self.tracking, self.mapping = RunTracker(config), mapping
+        self._seconds, self._cpu_began = 0.0, process_time()
+        self._lines = LogLines(mapping)
+        logging.getLogger("sgslam").addHandler(self._lines)
+
+    def add_scan(
+        self, stamp_ns: int, points: NDArray[np.floating[Any]], point_times: Floats | None = None,
+        T_odom_sensor: Floats | None = None, step_covariance: Floats | None = None,
+    ) -> list[TrackedScan]:  # fmt: skip
+        """See `RunTracker.track`."""
+        began = perf_counter()
+        scans = self.tracking.track(stamp_ns, points, point_times, T_odom_sensor, step_covariance)
+        self._seconds += perf_counter() - began
+        self._hand_over(scans)
+        return scans
+
+    def add_imu(self, stamp_ns: int | NDArray[np.int64], gyro: Floats, accel: Floats) -> None:
+        """See `SceneGraphSlam.add_imu`."""
+        self.tracking.motion.add_imu(stamp_ns, gyro, accel)
+
+    @property
+    def newest_imu_ns(self) -> int | None:
+        """The stamp of the newest IMU sample; None before the first."""
+        return self.tracking.motion.imu.newest_ns
+
+    @property
+    def keyframes(self) -> int:
+        """The number of keyframes that are known to be in the map."""
+        return self.mapping.state.keyframes
+
+    def state(self) -> dict[str, Any]:
+        """The tracker's part of a run's state."""
+        return self.tracking.state()
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Restores the tracker's part of a run's state."""
+        self.tracking.restore(state["tracking"])
+
+    def finish(self, **told: Any) -> dict[str, Any]:
+        """Hands over all scans that wait, and what is `told` (see `RunMap.finish`); returns the content of metrics.json
+        once the results are written. Raises UserError."""
+        began = perf_counter()
+        scans = self.tracking.release()
+        self._seconds += perf_counter() - began
+        try:
+            self._hand_over(scans)
+        finally:
+            logging.getLogger("sgslam").removeHandler(self._lines)
+        return self.mapping.finish(seconds=self._seconds, cpu_seconds=process_time() - self._cpu_began, **told)
+
+    def _hand_over(self, scans: list[TrackedScan]) -> None:
+        for scan in scans:
+            self.mapping.put("add", scan=scan, notes=self.tracking.notes)
+
+
+class SentCheckpoints(Checkpoints):
+    """Has the process that maps write the checkpoints, with the state of the tracker."""
+
+    def write(self, slam: TrackingSide, progress: dict[str, Any]) -> bool:  # type: ignore[override]
+        """Sends the state of the tracker after the scans so far."""
+        began = perf_counter()
+        slam.mapping.put("save", tracking=slam.state(), progress=progress)
+        self._written = perf_counter()
+        self._took = max(self._written - began, slam.mapping.state.checkpoint_s)
+        return True
