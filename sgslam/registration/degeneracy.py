@@ -25,10 +25,14 @@ def project_out_feigned(H: Floats, g: Floats, F: Floats, chance: float) -> None:
     kept = np.maximum(1 - chance * ratio, 0.0)
     whole, root = (V * kept) @ V_inverse, (V * np.sqrt(kept)) @ V_inverse
     for k in range(0, len(g), 6):
-        g[k : k + 6] = whole.T @ g[k : k + 6]
+        part = whole.T @ g[k : k + 6]
+        for i in range(6):  # a copy of arrays takes seconds to compile
+            g[k + i] = part[i]
         for m in range(0, len(g), 6):
-            block = np.ascontiguousarray(H[k : k + 6, m : m + 6])
-            H[k : k + 6, m : m + 6] = root.T @ block @ root
+            block = root.T @ np.ascontiguousarray(H[k : k + 6, m : m + 6]) @ root
+            for i in range(6):
+                for j in range(6):
+                    H[k + i, m + j] = block[i, j]
 
 
 @compiled

@@ -62,7 +62,9 @@ def turns_between(knots: Floats) -> Floats:
     """(K, 3) the rotation vectors from each of the poses (K, 4, 4) to the next one."""
     turns = np.zeros((len(knots), 3))
     for k in range(len(knots) - 1):
-        turns[k] = turn_between(knots[k], knots[k + 1])
+        turn = turn_between(knots[k], knots[k + 1])
+        for i in range(3):  # a copy of arrays takes seconds to compile
+            turns[k, i] = turn[i]
     return turns
 
 
