@@ -55,8 +55,9 @@ def execute(options: argparse.Namespace) -> int:
 def _has_two_processes(options: argparse.Namespace) -> bool:
     """Whether tracking gets a process of its own: on two cores or more, where nothing watches the map grow."""
     is_one_of_many = multiprocessing.parent_process() is not None  # as in a batch of runs
+    is_caught = sys.stderr is not sys.__stderr__  # by a program, which the other process's lines would pass by
     is_watched = options.view is not None or options.rerun is not None
-    return len(os.sched_getaffinity(0)) > 1 and not is_watched and not is_one_of_many
+    return len(os.sched_getaffinity(0)) > 1 and not (is_watched or is_one_of_many or is_caught)
 
 
 def _in_one_process(options: argparse.Namespace) -> tuple[dict[str, Any], "LiveView | None"]:

@@ -41,21 +41,20 @@ class TrackingSettings(Settings):
     gate: float = Field(1.2, gt=0)
     """m, maximum distance of a point from its surface"""
     kernel: float = Field(0.1, gt=0)
-    """m, distance from its surface at which a point's weight is a quarter (Geman-McClure)"""
+    """m, distance from its surface at which a point's weight is a quarter (Geman-McClure), and within which it counts
+    as explained by it"""
     first_kernel: float = Field(0.25, gt=0)
     """m, `kernel` of the first iteration, wider because of the error of the prediction"""
     wide_kernel: float = Field(0.8, gt=0)
     """m, `kernel` of the first iteration of a further attempt, after a poor prediction"""
     iterations: int = Field(16, ge=1)
     """maximum number of Gauss-Newton iterations"""
-    convergence: float = Field(5e-4, gt=0)
+    convergence: float = Field(1e-3, gt=0)
     """m and rad, update below which the registration stops"""
     feigned: float = Field(3.0, ge=0)
     """information removed along each direction, as a multiple of what errors of the surface normals pretend to give"""
     local_map: float = Field(100.0, gt=0)
     """m, path length after which surfaces that are no longer seen are dropped from the local map"""
-    near: float = Field(0.1, gt=0)
-    """m, distance within which a point counts as explained by its surface"""
     suspicious: float = Field(0.85, gt=0, le=1)
     """explained points, as a share of the usual number, below which registration is tried again and a lost sensor stays
     lost"""
@@ -68,7 +67,7 @@ class TrackingSettings(Settings):
     usual_memory: float = Field(1.0, gt=0)
     """s, time constant of the usual share of explained points"""
     agreement: float = Field(0.7, gt=0, le=1)
-    """share of the points with a surface within `gate` that are `near` it, below which a scan is lost; 0.9 in
+    """share of the points with a surface within `gate` that it explains, below which a scan is lost; 0.9 in
     clutter"""
     innovation: float = Field(60.0, gt=0)
     """squared Mahalanobis distance of a pose from its prediction above which a scan is lost; chi-squared, 6 degrees of

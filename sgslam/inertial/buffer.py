@@ -48,12 +48,12 @@ class ImuBuffer(Stateful):
     def around(self, begin_ns: int, end_ns: int) -> ImuSamples | None:
         """The samples from the last one before a time to the first one after another; None where there is a gap."""
         self._take_newer()
-        first = max(int(np.searchsorted(self._stamps, begin_ns, side="right")) - 1, 0)
-        last = int(np.searchsorted(self._stamps, end_ns)) + 1
+        first = max(int(self._stamps.searchsorted(begin_ns, side="right")) - 1, 0)
+        last = int(self._stamps.searchsorted(end_ns)) + 1
         stamps, values = self._stamps[first:last], self._values[first:last]
         if not len(stamps) or stamps[0] - begin_ns > _GAP_NS or end_ns - stamps[-1] > _GAP_NS:
             return None
-        if np.any(np.diff(stamps) > _GAP_NS):
+        if (stamps[1:] - stamps[:-1] > _GAP_NS).any():
             return None
         return ImuSamples(stamps, values[:, :3], values[:, 3:])
 

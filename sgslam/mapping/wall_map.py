@@ -66,20 +66,6 @@ class Lines:
         """(K, M) the signed distances (m) of points (K, 2) from each line."""
         return points @ self.normal.T + self.offset
 
-    def visible_from(self, place: Floats, reach: float) -> "Lines":
-        """The lines whose free side faces a place (2,), within `reach` metres of it."""
-        along = self.along(place[None])[0]
-        across = self.across(place[None])[0]
-        gap = np.maximum(0.0, np.maximum(self.low - along, along - self.high))
-        return self.only(np.flatnonzero((across > 0) & (np.hypot(across, gap) < reach)))
-
-    def only(self, chosen: NDArray[np.int64]) -> "Lines":
-        """The lines with the given indices."""
-        return Lines(
-            self.ids[chosen], self.normal[chosen], self.offset[chosen], self.low[chosen], self.high[chosen],
-            self.count[chosen],
-        )  # fmt: skip
-
 
 class WallMap(Stateful):
     """The wall observations of floor `storey` and the walls that they belong to.

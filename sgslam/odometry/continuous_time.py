@@ -15,7 +15,7 @@ from sgslam.geometry.frames import inverse, transform_points
 from sgslam.inertial import Changes, ImuBuffer, MeasuredMotion
 from sgslam.odometry.base import State
 from sgslam.odometry.given_motion import GivenMotion
-from sgslam.odometry.prediction import Course, predicted
+from sgslam.odometry.prediction import Course, predicted, unobserved
 from sgslam.registration.beliefs import Belief, MotionModel
 from sgslam.registration.health import fits, judged, sees_through
 from sgslam.registration.motion import points_and_rays, pose_at, velocity_after
@@ -196,10 +196,7 @@ class ContinuousTimeOdometry:
         is called lost and not added, but the sensor is lost only if its scans stay in doubt.
         """
         course = self._course
-        steady = len(scan.knot_seconds) == 1
-        cautious, covariance = (
-            solved.covariance_in_sensor(firsts[-1], steady, factor) for factor in (1.0, solved.variance_factor)
-        )
+        cautious, covariance = solved.covariances_in_sensor(firsts[-1], len(scan.knot_seconds) == 1)
         relative = solved.share / max(course.usual, 1e-9) if course.scans > 2 else 1.0
         health, unconstrained = judged(solved, cautious, relative, course.lost, self._settings)
         if health == "lost":
@@ -218,28 +215,13 @@ class ContinuousTimeOdometry:
 
     def _remember(self, scan: TimedPoints, solved: Solved, firsts: list[int]) -> None:
         """Goes on from a scan that fits the map."""
-        course, settings = self._course, self._settings
-        knots, last = solved.knots[firsts[-1] :], course.beliefs[-1]
-        interval = float(scan.knot_seconds[-1]) - last.seconds
+        course, before = self._course, self._course.end_of_older(firsts)
         if not solved.converged:
             _log.debug("scan at %.2f s: no convergence in %d iterations", scan.knot_seconds[-1], solved.iterations)
-        before = firsts[0] + len(course.older_knots) - 1 if course.older is not None else 0
         changes = self._imu.changes(solved.seconds, solved.predicted, course.beliefs[0].lasted, self._model.up)
         later = Changes(changes.values[before:], changes.information[before:])
         self._imu.follow(solved.seconds[before:], solved.knots[before:], later)
-        follow = 1 - np.exp(-interval / settings.sway_memory)
-        weight = max(1 - np.exp(-interval / settings.usual_memory), 1 / course.scans)
-        self._go_on(
-            beliefs=[last.smoothed(solved, before), Belief.of(solved)],
-            older=replace(scan, plane_of=solved.plane_of),
-            older_knots=knots,
-            way=course.way + float(np.linalg.norm(knots[-1, :3, 3] - last.T[:3, 3])),
-            usual=course.usual + weight * (solved.share - course.usual),
-            height=course.height + follow * (float(self._model.up @ knots[-1, :3, 3]) - course.height),
-            residual=solved.residual,
-            lost=False,
-            held_at=float(scan.knot_seconds[-1]),
-        )
+        self._course = course.after(scan, solved, firsts, self._model.up, self._settings)
 
     def _is_in_doubt(self, scan: TimedPoints, knots: Floats, relative: float) -> bool:
         """Whether a suspicious scan, its knots at (K, 4, 4), sees through too many surfaces of the map.
@@ -257,17 +239,8 @@ class ContinuousTimeOdometry:
         course, seconds = self._course, scan.knot_seconds
         if course.older is not None:
             self._add(course.older, course.older_knots)
-        before = course.beliefs[-1] if course.beliefs else self._model.begin(float(seconds[0]), np.eye(4))
-        belief = self._model.unobserved(before, float(seconds[-1]))
-        turned = self._imu.turned(np.array([before.seconds, belief.seconds]), np.stack([before.T, belief.T]))
-        belief, last = replace(belief, T=turned[1]), before.observed or before
+        belief, knots = unobserved(course, seconds, self._model, self._imu, self._given)
         self._imu.lose()
-        knots = np.tile(belief.T, (len(seconds), 1, 1))
-        if course.beliefs and self._given is not None and self._is_given(last.seconds, belief.seconds):
-            # the sensor moved from the last observed pose as another system has it
-            knots = self._given.moved(self._first_ns, last.T, last.seconds, seconds)
-            moved = self._given.covariance(self._first_ns, last.seconds, belief.seconds)
-            belief = replace(belief, T=knots[-1], covariance=last.covariance + moved)
         beliefs = [belief] if course.beliefs else []
         self._go_on(lost=True, lost_at=float(seconds[-1]), older=None, beliefs=beliefs)
         return _Found(knots, belief.covariance, "lost", share)

@@ -1,16 +1,17 @@
-"""What is known of the motion at the knots of a window before its points are looked at."""
+"""What an odometry remembers, and what is known of the motion in a window before its points are looked at."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sgslam.config import TrackingSettings
 from sgslam.inertial import Changes, MeasuredMotion, Turns
 from sgslam.odometry.given_motion import GivenMotion
-from sgslam.registration.beliefs import Belief
+from sgslam.registration.beliefs import Belief, MotionModel
 from sgslam.registration.motion_prior import NO_STEPS, Steps, moved_on
 from sgslam.registration.relocation import Guess
-from sgslam.registration.window import window_knots
+from sgslam.registration.window import Solved, window_knots
 from sgslam.types import TimedPoints
 
 Floats = NDArray[np.float64]
@@ -38,6 +39,31 @@ class Course:
     lost: bool = False
     lost_at: float = -np.inf  # s, of the last lost scan
     held_at: float = -np.inf  # s, of the last scan that was good or degraded
+
+    def end_of_older(self, firsts: list[int]) -> int:
+        """The knot at the end of the older scan, of a window whose scans' first knots are these; else the first one."""
+        return firsts[0] + len(self.older_knots) - 1 if self.older is not None else 0
+
+    def after(
+        self, scan: TimedPoints, solved: Solved, firsts: list[int], up: Floats, settings: TrackingSettings
+    ) -> "Course":
+        """Goes on with a scan that fits the map, the newest one of a window; up (3,) is zero while it is unknown."""
+        knots, last, seconds = solved.knots[firsts[-1] :], self.beliefs[-1], float(scan.knot_seconds[-1])
+        interval = seconds - last.seconds
+        follow = 1 - np.exp(-interval / settings.sway_memory)
+        weight = max(1 - np.exp(-interval / settings.usual_memory), 1 / self.scans)
+        return replace(
+            self,
+            beliefs=[last.smoothed(solved, self.end_of_older(firsts)), Belief.of(solved)],
+            older=replace(scan, plane_of=solved.plane_of),
+            older_knots=knots,
+            way=self.way + float(np.linalg.norm(knots[-1, :3, 3] - last.T[:3, 3])),
+            usual=self.usual + weight * (solved.share - self.usual),
+            height=self.height + follow * (float(up @ knots[-1, :3, 3]) - self.height),
+            residual=solved.residual,
+            lost=False,
+            held_at=seconds,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +109,22 @@ def predicted(
             given = list(others.moved(course.first_ns, known[-1], after[0], after[1:]))
     ahead = _pushed(known[-1], moved, after, newest.velocity[3:], changes.values[len(known) - 1 :])
     return Prediction(seconds, firsts, known, ahead, stopped, given, imu.turns(seconds), changes, steps)
+
+
+def unobserved(
+    course: Course, seconds: Floats, model: MotionModel, imu: MeasuredMotion, others: GivenMotion | None
+) -> tuple[Belief, Floats]:
+    """What remains to be believed at the end of a scan that tells nothing, and its knots (K, 4, 4) at times (K,): where
+    the sensor was last, turned as a gyroscope tells, or moved from there as another system has it."""
+    before = course.beliefs[-1] if course.beliefs else model.begin(float(seconds[0]), np.eye(4))
+    belief, last = model.unobserved(before, float(seconds[-1])), before.observed or before
+    turned = imu.turned(np.array([before.seconds, belief.seconds]), np.stack([before.T, belief.T]))[1]
+    first_ns, seen = course.first_ns, bool(course.beliefs)
+    if others is not None and first_ns is not None and seen and others.tells(first_ns, last.seconds, belief.seconds):
+        knots = others.moved(first_ns, last.T, last.seconds, seconds)
+        moved = others.covariance(first_ns, last.seconds, belief.seconds)
+        return replace(belief, T=knots[-1], covariance=last.covariance + moved), knots
+    return replace(belief, T=turned), np.tile(turned, (len(seconds), 1, 1))
 
 
 def _pushed(last: Floats, moved: Guess, seconds: Floats, velocity: Floats, changes: Floats) -> Guess:

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.config import TrackingSettings
-from sgslam.geometry.frames import inverse
+from sgslam.geometry.frames import inverse, transform_points
 from sgslam.inertial import steadied
 from sgslam.registration.motion_prior import moved_on, velocity_between
-from sgslam.registration.points import placed, undistorted
+from sgslam.registration.points import placed
 from sgslam.registration.sampling import one_a_cell
 from sgslam.types import Motion, Registration, TrackedScan
 
@@ -54,7 +54,7 @@ def few_points(found: Registration, points: Floats, settings: TrackingSettings) 
 
 
 def _at_stamp(found: Registration, steady: Floats, seconds: Floats) -> Floats:
-    return undistorted(steady, seconds, found.motion.seconds, found.motion.knots, found.T_odom_sensor)
+    return transform_points(inverse(found.T_odom_sensor), points_and_rays(found.motion, steady, seconds)[0])
 
 
 def motion_since_begin(scan: TrackedScan) -> Floats | None:

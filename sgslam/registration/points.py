@@ -10,16 +10,17 @@ from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.geometry.rotations import rotated_by, turn_between
 from sgslam.surfels import Surfels
-from sgslam.surfels.planes import ACROSS, VALID, add_normal_variance, is_within, misfit, off_plane, variance_at
+from sgslam.surfels.planes import VALID, add_normal_variance, is_within, misfit, off_plane, variance_at
 from sgslam.surfels.search import nearest_plane
 
 Floats = NDArray[np.float64]
 Ints32 = NDArray[np.int32]
 Vector = tuple[float, float, float]
 
-STRAYED = 1e-2  # m and rad: where knots move by less, fewer than one point in a hundred is on another plane
+STRAYED = 5e-3  # m and rad: where knots move by less, fewer than one point in a hundred is on another plane
 UNKNOWN = -1  # the plane of a point that was not looked for; 0 is none
 KERNEL = 5.0  # times the median residual
+TO_SIGMA = 1.48  # times the median residual, the standard deviation of a normal distribution
 SIGMA = 6.0  # times the median residual, the least sigma of a point as it is weighted
 
 
@@ -29,7 +30,6 @@ class Weights(NamedTuple):
     sigma_point: float
     gate: float
     kernel: float
-    near: float
     feigned: float
     sway: float
     sway_memory: float
@@ -55,29 +55,6 @@ def placed(points: Floats, seconds: Floats, at: Floats, knots: Floats) -> tuple[
         for i in range(3):
             found[p, i], rays[p, i] = sensor[i] + ray[i], ray[i] / length
     return found, rays
-
-
-@compiled
-def undistorted(points: Floats, seconds: Floats, at: Floats, knots: Floats, T: Floats) -> Floats:
-    """Points (N, 3), measured at `seconds` (N,) by a sensor with knots as in `placed`, as seen from a pose T (4, 4).
-
-    Points measured at once share their pose.
-    """
-    turns, found, k, M, o = turns_between(knots), np.empty((len(points), 3)), 0, np.empty((3, 3)), np.empty(3)
-    axes, last = np.eye(3), np.nan
-    for p in range(len(points)):
-        if seconds[p] != last:
-            last = seconds[p]
-            k = knot_before(last, at, k)
-            for j in range(3):
-                turned, sensor = _turned_at(axes, j, k, _share(last, at, k), knots, turns)
-                for i in range(3):
-                    M[i, j] = T[0, i] * turned[0] + T[1, i] * turned[1] + T[2, i] * turned[2]
-                x, y, z = sensor[0] - T[0, 3], sensor[1] - T[1, 3], sensor[2] - T[2, 3]
-                o[j] = T[0, j] * x + T[1, j] * y + T[2, j] * z
-        for i in range(3):
-            found[p, i] = M[i, 0] * points[p, 0] + M[i, 1] * points[p, 1] + M[i, 2] * points[p, 2] + o[i]
-    return found
 
 
 @compiled
@@ -183,7 +160,7 @@ def point_equations(
     _add_points(knot[:used], share, plane, way, off, weight, planes, len(knots), H, g)
     close = 0
     for p in range(used):
-        close += abs(off[p]) < weights.near
+        close += abs(off[p]) < weights.kernel
     return residual, used, close
 
 
@@ -195,7 +172,7 @@ def _weighed(
     """The median distance (m), and the weight (N,) of each point; fills in F. See `point_equations`."""
     # the points on each plane: their number, the sum of their distances, of these squared
     group, groups, of_plane = np.empty(len(plane), np.int32), 0, np.zeros(len(planes), np.int32)
-    sums, across = np.zeros((len(plane), 4)), np.empty(len(plane))
+    sums = np.zeros((len(plane), 4))
     for p in range(len(plane)):
         s = plane[p]
         if of_plane[s] == 0:
@@ -206,8 +183,7 @@ def _weighed(
         sums[of, 0] += 1
         sums[of, 1] += off[p]
         sums[of, 2] += off[p] * off[p]
-        across[p] = planes[s, ACROSS]
-    residual, typical = float(np.median(np.abs(off))), float(np.median(across))
+    residual = float(np.median(np.abs(off)))
     kernel = min(widest, max(weights.kernel, KERNEL * residual))
     sigma = max(weights.sigma_point, SIGMA * residual)
     # each point's weight, and the sum of these times the misfit of their plane
@@ -217,7 +193,7 @@ def _weighed(
         mean = sums[of, 1] / sums[of, 0]
         robust = scale / (scale + off[p] * off[p] + max(sums[of, 2] / sums[of, 0] - mean * mean, 0.0))
         weight[p] = every * robust * robust / (sigma * sigma + spread[p])
-        sums[of, 3] += weight[p] * misfit(planes, plane[p], typical)
+        sums[of, 3] += weight[p] * misfit(planes, plane[p], (TO_SIGMA * residual) ** 2)
     is_placed = 2 * error < kernel
     moments = np.zeros((groups, 10))
     for p in range(len(plane)):

@@ -11,6 +11,7 @@ from sgslam.config import TrackingSettings
 from sgslam.geometry.normal_equations import principal_axes
 from sgslam.inertial import steadied
 from sgslam.registration.points import UNKNOWN
+from sgslam.surfels.planes import NOISE
 from sgslam.types import TimedPoints, UnsteadyTurn
 
 Floats = NDArray[np.float64]
@@ -20,7 +21,6 @@ _FIRST_SIDE, _FINEST_SIDE = 0.03, 0.05  # m between the points that are used: in
 _PATCH = 0.25  # m, of the cells whose points show the normal of a scan's surface
 _LEAST = 8  # points of such a cell
 _FLAT = 4.0  # times the variance across, that along a surface in its narrower direction at least
-_NOISE = 0.02  # m, standard deviation of a range: by it alone, the points of one ring spread along their rays
 _HALF = 2.0**20  # cells, so that no index is negative
 _SHORTEST = 1e-3  # s; a shorter scan is a snapshot
 
@@ -68,7 +68,7 @@ def _cells(points: Floats, side: float, nearest: float, farthest: float, patch: 
 
     Without patches where their side is 0.
     """
-    size = 1
+    size, per_side, per_patch = 1, 1 / side, 1 / patch
     while size < 2 * len(points):
         size *= 2
     table, keys, chosen = np.zeros(size, np.int32), np.empty(len(points), np.int64), np.empty(len(points), np.int64)
@@ -78,7 +78,7 @@ def _cells(points: Floats, side: float, nearest: float, farthest: float, patch: 
     for p in range(len(points)):
         x, y, z = points[p, 0], points[p, 1], points[p, 2]
         if patch > 0:
-            key = _key(x / patch, y / patch, z / patch)
+            key = _key(x * per_patch, y * per_patch, z * per_patch)
             if key != last_patch:
                 last_patch, number = key, _number_of(key, of_patch, patch_keys, patches)
                 if number == patches:
@@ -96,7 +96,7 @@ def _cells(points: Floats, side: float, nearest: float, farthest: float, patch: 
             sums[number, 9] += z * z
         if not nearest * nearest <= x * x + y * y + z * z <= farthest * farthest:
             continue
-        key = _key(x / side, y / side, z / side)
+        key = _key(x * per_side, y * per_side, z * per_side)
         if key != last and _number_of(key, table, keys, count) == count:
             chosen[count], patch_of[count] = p, number
             count += 1
@@ -137,6 +137,6 @@ def _normals(patches: Floats) -> Floats:
                 patches[p, 4] / n - x * x, patches[p, 5] / n - x * y, patches[p, 6] / n - x * z,
                 patches[p, 7] / n - y * y, patches[p, 8] / n - y * z, patches[p, 9] / n - z * z,
             )  # fmt: skip
-            if values[1] > _FLAT * max(values[0], _NOISE**2):
+            if values[1] > _FLAT * max(values[0], NOISE**2):
                 normals[p, 0], normals[p, 1], normals[p, 2] = normal
     return normals

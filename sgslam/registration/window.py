@@ -22,7 +22,7 @@ from sgslam.registration.motion_prior import (
     add_velocities,
     velocity_between,
 )
-from sgslam.registration.points import KERNEL, SIGMA, STRAYED, UNKNOWN, Weights, point_equations
+from sgslam.registration.points import KERNEL, SIGMA, STRAYED, TO_SIGMA, UNKNOWN, Weights, point_equations
 from sgslam.surfels import Surfels
 
 Floats = NDArray[np.float64]
@@ -30,10 +30,10 @@ Ints = NDArray[np.int64]
 Ints32 = NDArray[np.int32]
 
 _SETTLED = 2e-3  # m and rad, by which the knots of an older scan move until its equations are made again
-# Times the median residual, a point's sigma: twice what a normal distribution has, as each four neighbours share
-# errors, of their wall and of their beam.
-_SHARED = 3.0
-_COARSE = 4  # of the newest scan's points, one is taken in the first iteration, unless a gyroscope predicts as well
+# So many points count as one measurement: neighbours share errors of their beam and their wall, and all points of a
+# plane those of the plane. By the 1-s errors of drives in two buildings; of a narrow view the latter are most.
+_ALIKE, _OF_PLANE = 4.0, 0.125  # points, and share of those on a plane
+_COARSE = 4  # of the points, one is taken in the first iteration, unless a gyroscope predicts as well
 _GAP = 0.02  # of a scan's duration: a shorter pause after the scan before is none; a quick hand turns by 0.4 degrees
 
 
@@ -96,7 +96,7 @@ class Solved:
     their median distance; `plane_of` (N,) are their planes, 0 for none. After so many `iterations` it has `converged`,
     or not.
 
-    The variance of the points' distances is `variance_factor` times the one by which they were weighted.
+    Points were weighted by a standard deviation of `sigma` (m), which is cautious: see `variance_factor`.
     """
 
     seconds: Floats
@@ -110,7 +110,7 @@ class Solved:
     residual: float
     iterations: int
     converged: bool
-    variance_factor: float = 1.0
+    sigma: float
 
     @property
     def agreement(self) -> float:
@@ -121,6 +121,14 @@ class Solved:
     def share(self) -> float:
         """The share of the newest scan's points that lie near a plane."""
         return self.close / max(len(self.plane_of), 1)
+
+    @cached_property
+    def variance_factor(self) -> float:
+        """The variance of the points' distances over that by which they were weighted (an a-posteriori variance
+        factor)."""
+        counts = np.bincount(self.plane_of)[1:]
+        alike = _ALIKE + _OF_PLANE * float((counts**2).sum() / max(counts.sum(), 1))
+        return min(alike * (TO_SIGMA * self.residual / self.sigma) ** 2, 1.0) if counts.any() else 1.0
 
     @cached_property
     def covariance(self) -> Floats:
@@ -134,18 +142,18 @@ class Solved:
         C = np.linalg.inv(self.information - self.measured).reshape(len(self.knots), 6, -1, 6)
         return np.linalg.inv(np.stack([C[k, :, k] for k in range(len(self.knots))]))
 
-    def covariance_in_sensor(self, knot: int, steady: bool, factor: float) -> Floats:
-        """(6, 6) of one knot; rotation first, in the sensor's axes, where the variance of the points is the one by
-        which they were weighted times a `factor`.
+    def covariances_in_sensor(self, knot: int, steady: bool) -> tuple[Floats, Floats]:
+        """(6, 6) of one knot, as the points are weighted and by their variance; rotation first, in the sensor's axes.
 
         Points that were measured between the knots suffer from motion that is not `steady` there.
         """
         turn, own = np.zeros((6, 6)), slice(6 * knot, 6 * knot + 6)
         turn[:3, :3] = turn[3:, 3:] = self.knots[knot, :3, :3]
-        before = self.predicted_information[knot]
-        C = np.linalg.inv(before + (np.linalg.inv(self.covariance[own, own]) - before) / factor)
+        before, weighted = self.predicted_information[knot], self.covariance[own, own]
+        true = np.linalg.inv(before + (np.linalg.inv(weighted) - before) / self.variance_factor)
         bent = np.zeros(6) if steady else _bent(self.seconds, self.knots)
-        return np.asarray(turn.T @ ((C + C.T) / 2 + np.diag(bent)) @ turn)
+        weighted, true = (turn.T @ ((C + C.T) / 2 + np.diag(bent)) @ turn for C in (weighted, true))
+        return weighted, true
 
 
 @compiled
@@ -186,10 +194,9 @@ def solve(window: Window, predicted: Floats, first_kernel: float, iterations: in
     plane_of = window.plane_of.copy()
     H, measured = np.empty((n, n)), np.empty((n, n))
     count, moved_by, residual, found, close = _solve(window, knots, plane_of, first_kernel, iterations, H, measured)
-    weighted_by = max(window.weights.sigma_point, SIGMA * residual)
     return Solved(
         window.at, knots, predicted, H, measured, plane_of[window.begins[-2] :], found, close, residual, count,
-        moved_by < window.weights.convergence, (_SHARED * residual / weighted_by) ** 2 if found else 1.0,
+        moved_by < window.weights.convergence, max(window.weights.sigma_point, SIGMA * residual),
     )  # fmt: skip
 
 
@@ -213,7 +220,7 @@ def _solve(
         count += 1
         for s in range(scans):
             is_newest = s == scans - 1
-            every = coarse if is_newest and count == 1 else 1
+            every = coarse if count == 1 else 1
             if moved[s] <= (weights.convergence if is_newest else _SETTLED):
                 continue
             own, first = slice(window.begins[s], window.begins[s + 1]), window.firsts[s]
@@ -226,9 +233,9 @@ def _solve(
                 window.surfels, window.oldest, error if is_newest else 0.0, kernel if is_newest else weights.kernel,
                 weights, own_H[s], own_g[s], own_F[s],
             )  # fmt: skip
-            moved[s] = 0.0
-            if every > 1:
-                moved[s], strayed[s] = np.inf, np.inf  # all of its points are to be looked at
+            moved[s] = 0.0 if every == 1 else np.inf  # all of its points are to be looked at
+            if is_newest and every > 1:
+                strayed[s] = np.inf
             if is_newest:
                 residual, found, close = result
                 kernel = min(kernel, max(weights.kernel, KERNEL * residual))

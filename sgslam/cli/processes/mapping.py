@@ -20,12 +20,12 @@ _NICENESS = 5  # so that the tracker of a live run, which must answer in time, c
 def map_scans(receiver: Connection, sender: Connection) -> None:
     """The work of the process: `MapInputs` and calls of `RunMap` in, a `MapState` after each scan, and the content of
     metrics.json at the end. A UserError is sent instead where there is one."""
+    for number in (signal.SIGINT, signal.SIGTERM):  # they go to both processes; the other one says what follows
+        signal.signal(number, signal.SIG_IGN)
     from threadpoolctl import threadpool_limits
 
     from sgslam.cli.processes.run_map import RunMap  # loads all that a run needs
 
-    for number in (signal.SIGINT, signal.SIGTERM):  # they go to both processes; the other one says what follows
-        signal.signal(number, signal.SIG_IGN)
     threadpool_limits(1, user_api="blas")
     with suppress(BrokenPipeError, EOFError):  # the other process is gone
         inputs: MapInputs = pickle.loads(_received(receiver))

@@ -4,7 +4,6 @@ import logging
 import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from pathlib import Path
 from time import perf_counter
 from types import MappingProxyType
 from typing import Any
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
-from data.plans.bim import IFC_SUFFIXES
+from data.plans.bim import IFC_SUFFIXES, Bim
 from data.scans.scan import SkippedScan
 from matching.matcher import make_ready
 from sgslam.cli.job.arguments import out_folder
@@ -38,8 +37,7 @@ class RunMap:
         self._scans = inputs.scans.scans
         job = read_job(inputs.options, inputs.scans)
         self._run, self._matcher = Run(job, out_folder(inputs.options), tracks=False), job.matcher
-        if job.bim is not None and job.bim.path is not None and job.bim.path.suffix.lower() in IFC_SUFFIXES:
-            threading.Thread(target=_elements_ahead, args=(job.bim.path,), daemon=True).start()
+        threading.Thread(target=_prepare_results, args=(job.bim,), daemon=True).start()
         if inputs.outlives and (job.bim is not None or job.prior_map is not None):  # live: matching is not to stall
             make_ready(job.matcher)
         self._mapped, self._checkpoint_s = 0, 0.0
@@ -94,12 +92,17 @@ class RunMap:
         return self._run.finish(stopped, measured, cpu_seconds)
 
 
-def _elements_ahead(ifc: Path) -> None:
-    """Computes the shapes of a model's elements, which the results need, while this process waits for scans."""
-    from data.plans.elements import planned_elements  # loads ifcopenshell
+def _prepare_results(bim: Bim | None) -> None:
+    """Loads what draws the results, and makes the shapes of an IFC model's elements, while this process waits for
+    scans."""
+    import matplotlib.backends.backend_agg
+    import matplotlib.figure  # noqa: F401
 
-    with suppress(UserError):  # it is raised again when they are needed
-        planned_elements(ifc)
+    if bim is not None and bim.path is not None and bim.path.suffix.lower() in IFC_SUFFIXES:
+        from data.plans.elements import planned_elements  # loads ifcopenshell
+
+        with suppress(UserError):  # it is raised again when they are needed
+            planned_elements(bim.path)
 
 
 def map_start(pose: Pose2, T_map_sensor: Floats) -> Pose2:

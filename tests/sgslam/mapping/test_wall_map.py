@@ -115,12 +115,6 @@ def test_a_wall_is_parted_where_it_steps_and_by_noise_alone_nowhere(step: float,
     assert walls.join_duplicates() == 0 and walls.split_steps() == 0
 
 
-@pytest.mark.parametrize(("place", "reach", "seen"), [((0, -1), 10, [0]), ((0, 5), 10, [1]), ((8, 1), 5, [])])
-def test_only_walls_that_turn_to_a_place_are_visible_from_it(place: End, reach: float, seen: list[int]) -> None:
-    walls = walls_of((SOUTH, [piece(SOUTH, (-1, 0), (1, 0))]), (NORTH, [piece(NORTH, (-1, 0.1), (1, 0.1))]))
-    assert walls.lines.visible_from(np.array(place, dtype=float), reach).ids.tolist() == seen
-
-
 def test_walls_are_parted_across_two_passes_only() -> None:
     walls = WallMap(SurfaceSettings())
     for keyframe, wall in ((0, 7), (1, 8), (9, 7), (9, 9)):

@@ -1,6 +1,7 @@
 """How good a scan is: in rooms and corridors, and its limits from both sides; what is just at a limit is within it."""
 
 from copy import deepcopy
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ def solved(found: int = 1000, close: int = 1000, off: float = 0.0, turned: float
     knots = np.stack([np.eye(4), pose(off, 0, 0, turned)])
     planes = np.zeros(1000, np.int32)
     return Solved(
-        np.array([0.0, 0.1]), knots, predicted, information, 0.9 * information, planes, found, close, 0.01, 3, True
+        np.array([0.0, 0.1]), knots, predicted, information, 0.9 * information, planes, found, close, 0.01, 3, True, 0.1
     )
 
 
@@ -68,6 +69,20 @@ def test_a_direction_that_is_not_constrained_degrades_a_scan(axis: int, limit: f
     settings = TrackingSettings(degraded_rotation=0.25, degraded_translation=0.25)  # squares without rounding
     covariance[axis, axis] = 0.25**2
     assert judged(solved(), covariance, 1.0, False, settings)[0] == "good"
+
+
+def test_points_are_truer_than_their_weights_where_they_tell_something() -> None:
+    """They tell nothing of the height, which is as uncertain as it was predicted."""
+    predicted, measured = 1e2 * np.eye(12), np.diag(np.tile([1e6, 1e6, 1e6, 1e6, 1e6, 0.0], 2))
+    window = replace(
+        solved(), information=predicted + measured, measured=measured, plane_of=np.arange(1000, dtype=np.int32)
+    )
+    weighted, true = (np.diag(C) for C in window.covariances_in_sensor(1, steady=True))
+    assert 0.05 < window.variance_factor < 0.2
+    assert true / weighted == pytest.approx([window.variance_factor] * 5 + [1.0], rel=1e-2)
+    assert true[5] == pytest.approx(1e-2)
+    of_few_planes = replace(window, plane_of=np.repeat(np.arange(20, dtype=np.int32), 50))
+    assert of_few_planes.variance_factor > 2 * window.variance_factor
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.5])

@@ -22,6 +22,10 @@ from sgslam.slam import SceneGraphSlam
 
 pytestmark = pytest.mark.slow
 PART = 150  # scans
+FILES = (
+    "trajectory.tum", "trajectory_live.tum", "trajectory_odometry.tum", "s_graph.json", "deviations.json",
+    "pose_graph.g2o",
+)  # fmt: skip
 
 
 def test_a_run_goes_on_bit_by_bit(tmp_path: Path) -> None:
@@ -63,6 +67,16 @@ def come_to(process: subprocess.Popen[str], out: Path, keyframes: int) -> None:
     raise AssertionError("it was done before")
 
 
+def test_two_processes_write_what_one_does(tmp_path: Path) -> None:
+    told = ("--scan-dir", write_scans(tmp_path / "scans", 60))
+    assert (
+        begun(*told, "--out", tmp_path / "two").wait() == begun(*told, "--out", tmp_path / "one", cores=1).wait() == 0
+    )
+    for name in FILES:
+        assert (tmp_path / "two" / name).read_bytes() == (tmp_path / "one" / name).read_bytes(), name
+    assert "second pass" in (tmp_path / "two" / "run.log").read_text()
+
+
 @pytest.mark.long
 def test_a_command_that_was_killed_or_interrupted_is_continued_to_the_same_files(tmp_path: Path) -> None:
     """Killed and continued in two processes, interrupted in one; the whole run is in one."""
@@ -84,8 +98,7 @@ def test_a_command_that_was_killed_or_interrupted_is_continued_to_the_same_files
     assert not about_run(out).get("finished")
     assert begun("--resume", out).wait() == begun(*told, "--out", whole, cores=1).wait() == 0
     assert len(Trajectory.read_tum(out / "trajectory.tum")) == PART
-    names = ("trajectory.tum", "trajectory_live.tum", "trajectory_odometry.tum", "s_graph.json", "deviations.json")
-    for name in (*names, "pose_graph.g2o"):
+    for name in FILES:
         assert (out / name).read_bytes() == (whole / name).read_bytes(), name
     matches = [json.loads((folder / "matches.json").read_text()) for folder in (out, whole)]
     assert {**matches[0], "seconds": 0} == {**matches[1], "seconds": 0}
