@@ -41,7 +41,7 @@ class MapInputs:
 @dataclass(frozen=True, eq=False)
 class MapState:
     """The state of the map after so many `scans`; the names are those of `Answer`. `anchors` None: as before.
-    `checkpoint_s` is how long the last checkpoint took."""
+    `checkpoint_s` is how long the last checkpoint took. `failed` says why no more scans are added."""
 
     scans: int = 0
     part: int = 0
@@ -51,3 +51,4 @@ class MapState:
     map_stamp_ns: int | None = None
     keyframes: int = 0
     checkpoint_s: float = 0.0
+    failed: str | None = None

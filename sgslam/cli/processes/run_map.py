@@ -41,6 +41,7 @@ class RunMap:
         if inputs.outlives and (job.bim is not None or job.prior_map is not None):  # live: matching is not to stall
             make_ready(job.matcher)
         self._mapped, self._checkpoint_s = 0, 0.0
+        self._failed: str | None = None
         self._anchors: tuple[HeldAnchor, ...] = ()
 
     @property
@@ -49,14 +50,18 @@ class RunMap:
 
     def add(self, scan: TrackedScan, notes: TrackerNotes) -> MapState:
         """Adds a tracked scan, with the tracker's notes then; returns the state of the map."""
-        self._slam.add_tracked(scan, notes)
+        if self._failed is None:
+            try:
+                self._slam.add_tracked(scan, notes)
+            except UserError as error:
+                self._failed = str(error)  # the map so far is written all the same
         self._mapped += 1
         slam, anchors = self._slam, _held(self._slam)
         changed = anchors != self._anchors
         self._anchors = anchors
         return MapState(
             self._mapped, slam.kidnaps, slam.T_map_odom, slam.T_bim_map, anchors if changed else None,
-            slam.newest_mapped_ns, slam.keyframes, self._checkpoint_s,
+            slam.newest_mapped_ns, slam.keyframes, self._checkpoint_s, self._failed,
         )  # fmt: skip
 
     def set_start(self, pose: Pose2) -> None:
@@ -89,7 +94,7 @@ class RunMap:
         self._scans.skipped, self._scans.remarks = list(skipped), list(remarks)
         self._slam.seconds["odometry"] += seconds
         self._run.take_progress(progress)
-        return self._run.finish(stopped, measured, cpu_seconds)
+        return self._run.finish(stopped or self._failed, measured, cpu_seconds)
 
 
 def _prepare_results(bim: Bim | None) -> None:

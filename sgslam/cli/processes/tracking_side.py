@@ -44,11 +44,13 @@ class TrackingSide:
         self, stamp_ns: int, points: NDArray[np.floating[Any]], point_times: Floats | None = None,
         T_odom_sensor: Floats | None = None, step_covariance: Floats | None = None,
     ) -> list[TrackedScan]:  # fmt: skip
-        """See `RunTracker.track`."""
+        """See `RunTracker.track`. Raises UserError also where the map cannot go on."""
         began = perf_counter()
         scans = self.tracking.track(stamp_ns, points, point_times, T_odom_sensor, step_covariance)
         self._seconds += perf_counter() - began
         self._hand_over(scans)
+        if (failed := self.mapping.state.failed) is not None:
+            raise UserError(failed)
         return scans
 
     def add_imu(self, stamp_ns: int | NDArray[np.int64], gyro: Floats, accel: Floats) -> None:
