@@ -10,12 +10,11 @@ from collections.abc import Callable
 from contextlib import suppress
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import llvmlite.binding as llvm
 import numba
-from numba import config, njit, types
-from numba.extending import intrinsic
+from numba import config, njit
 
 from data.common.build import PRODUCT
 from data.common.files import user_cache
@@ -96,16 +95,3 @@ def _compiled(function: _F, inline: str) -> _F:
     finally:
         config.CACHE_DIR = others
     return fast
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def power_of_two(typing_context: Any, exponent: Any) -> Any:
-    """2 to an integer power from -126 to 127, in single precision; for compiled functions."""
-
-    def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        real = context.get_value_type(types.float32)
-        whole = context.get_value_type(types.int32)
-        bits = builder.shl(builder.add(builder.fptosi(arguments[0], whole), whole(127)), whole(23))
-        return builder.bitcast(bits, real)
-
-    return types.float32(types.float32), code

@@ -1,8 +1,7 @@
-"""Explores a storey from the nearest room to the farthest, and restricts maps to the rooms entered so far."""
+"""Explores a storey from the nearest room to the farthest; maps of some of its rooms."""
 
 import heapq
 from collections.abc import Collection
-from dataclasses import replace
 from itertools import count
 
 import numpy as np
@@ -71,23 +70,6 @@ class _Waiting:
             self.enter(other, way, place)
             return room, other
         return None
-
-
-def restricted_to(drawn: DrawnGraph, rooms: set[str]) -> DrawnGraph:
-    """Returns a rigid map as it was when only these A rooms had been entered, with the same random draws."""
-    graph = drawn.s_graph
-    kept = {s for s, a in drawn.rooms.items() if a in rooms}
-    walls = tuple(w for w in graph.wall_surfaces if w.room in kept)
-    ids = {w.id for w in walls}
-    part = replace(
-        graph, rooms=tuple(r for r in graph.rooms if r.id in kept), wall_surfaces=walls,
-        doors=tuple(d for d in graph.doors if kept.issuperset(d.rooms)),
-    )  # fmt: skip
-    return replace(
-        drawn, s_graph=part, rooms={s: a for s, a in drawn.rooms.items() if s in kept},
-        wall_surfaces={s: a for s, a in drawn.wall_surfaces.items() if s in ids},
-        T_a_s_by_room={s: T for s, T in drawn.T_a_s_by_room.items() if s in kept},
-    )  # fmt: skip
 
 
 def perfect_map(a: SceneGraph, rooms: Collection[str]) -> DrawnGraph:
