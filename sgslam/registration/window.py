@@ -126,7 +126,7 @@ class Solved:
     def variance_factor(self) -> float:
         """The variance of the points' distances over that by which they were weighted (an a-posteriori variance
         factor)."""
-        counts = np.bincount(self.plane_of)[1:]
+        counts = np.bincount(self.plane_of[self.plane_of > 0])
         alike = _ALIKE + _OF_PLANE * float((counts**2).sum() / max(counts.sum(), 1))
         return min(alike * (TO_SIGMA * self.residual / self.sigma) ** 2, 1.0) if counts.any() else 1.0
 
