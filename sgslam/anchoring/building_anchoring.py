@@ -250,6 +250,6 @@ def merged(anchors: list[Anchors]) -> Anchors:
     for more in anchors[1:]:
         first = replace(
             first, planes=first.planes | more.planes, rooms=first.rooms | more.rooms,
-            elevations=first.elevations | more.elevations, sigma_height=max(first.sigma_height, more.sigma_height),
+            elevations=first.elevations | more.elevations,
         )  # fmt: skip
     return first

@@ -12,7 +12,7 @@ from matching.result import AnyMatcher, MatchResult
 from sgslam.anchoring.anchor_log import AnchorLog, AnchorStatus, Key
 from sgslam.anchoring.anchored_rooms import anchor_statuses, matched_rooms, planned_walls, room_anchors
 from sgslam.anchoring.floor_matching import FloorMatching, PlacedMatch, differ
-from sgslam.anchoring.height_alignment import HeightAlignment, align_heights
+from sgslam.anchoring.level_alignment import LevelAlignment, align_levels
 from sgslam.anchoring.match_history import Commitment
 from sgslam.anchoring.place_verification import CONFLICT_REASON, Plan
 from sgslam.anchoring.wall_alignment import WallAlignment, align_walls
@@ -259,22 +259,19 @@ class FloorAnchoring(Stateful):
         if T_map_local is None or not valid or moved or self._is_raised(T_local_level, walls, T_map_local, heights):
             T_map_local = inverse(T_local_level @ walls.T_level_map)
         rooms = room_anchors(scene, by_rooms, self.height) if settings.rooms else {}
-        elevations, sigma = ({}, 0.0) if heights is None else (heights.planned, heights.sigma)
+        elevations = {} if heights is None else heights.planned
         planes = planned if settings.planes else {}
-        return Anchors(T_map_local, planes, rooms, elevations, sigma, self._match_name)
+        return Anchors(T_map_local, planes, rooms, elevations, self._match_name)
 
     def _is_raised(
-        self, T_local_level: Floats, walls: WallMap, T_map_local: Floats, heights: HeightAlignment | None
+        self, T_local_level: Floats, walls: WallMap, T_map_local: Floats, heights: LevelAlignment | None
     ) -> bool:  # fmt: skip
         """Whether the plan's heights put the map elsewhere than the back end's T_map_local (4, 4)."""
         z = float(inverse(walls.T_level_map @ T_map_local)[2, 3])
         return heights is not None and abs(z - T_local_level[2, 3]) > self._config.anchors.tolerance
 
-    def _heights(self, floor: FloorMap, alignment: WallAlignment) -> HeightAlignment | None:
-        """The level surfaces of the floor in the plan; None where they, or the plan, do not tell its height."""
-        if self._plan.height(self.commitment.floor) is None:
-            return None
-        walls = [] if self._plan.partial else alignment.walls  # of a map, the upper ends of walls are not known
-        levels = floor.levels.levels(floor.walls.T_level_map)
-        origin = float(self._plan.origin[2])
-        return align_heights(levels, walls, self.height, origin, floor.sensor_height, self._config.anchors)
+    def _heights(self, floor: FloorMap, alignment: WallAlignment) -> LevelAlignment | None:
+        """The level surfaces of the floor in the plan; None where they, or the plan, do not show its height."""
+        levels, planned = floor.levels.levels(floor.walls.T_level_map), self._plan.levels(self.commitment.floor)
+        T_bim_level = se2_to_se3(*self._plan.T_a_s(alignment.place).tolist(), 0.0)
+        return align_levels(levels, planned, T_bim_level, float(self._plan.origin[2]), self._config.anchors)

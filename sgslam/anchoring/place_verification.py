@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from data import SceneGraph
+from data import LevelSurface, SceneGraph
 from matching.result import Hypothesis, MatchResult
 from sgslam.anchoring.free_space_conflict import conflict_share
 from sgslam.anchoring.wall_association import WallArrays, associate_walls
@@ -158,6 +158,17 @@ class Plan:
         """Height (m) of a storey's floor in the local frame; None where the plan does not give it."""
         elevation = next((f.elevation for f in self.a_graph.floors if f.id == storey), None)
         return None if elevation is None else elevation - float(self.origin[2])
+
+    def levels(self, storey: str | None) -> tuple[LevelSurface, ...]:
+        """The level surfaces of a storey; where the plan has none, its floor at its elevation, if that is known."""
+        graph = self.storey(storey)
+        floor = next((f for f in self.a_graph.floors if f.id == storey), None)
+        if graph.level_surfaces or floor is None or floor.elevation is None or not graph.wall_surfaces:
+            return graph.level_surfaces
+        ends = np.array([end for surface in graph.wall_surfaces for end in surface.ends()])
+        (x0, y0), (x1, y1) = ends.min(axis=0).tolist(), ends.max(axis=0).tolist()
+        corners = (x0, y0), (x1, y0), (x1, y1), (x0, y1)
+        return (LevelSurface(floor.id, (0.0, 0.0, 1.0, -floor.elevation), corners, floor=storey),)
 
     def T_a_s(self, place: Floats) -> Floats:  # noqa: N802
         """(3,) yaw x y in the BIM frame of a place (3,) in the local frame."""

@@ -232,12 +232,12 @@ class GraphBuilder:
 
     def _anchored_levels(self, anchors: Anchors, anchor_of: dict[int, int]) -> dict[Key, Entry]:
         settings, entries = self._config.anchors, dict[Key, Entry]()
-        sigma = float(np.hypot(settings.sigma_floor, anchors.sigma_height))
-        noise = factors.noise_of_plane(settings.sigma_normal, sigma, self._config.backend.huber)
         for number, (level, place_on) in enumerate(middles(anchors).items()):
             if level not in anchor_of:
                 continue
             place = partial(factors.frame_at, place_on, BIM, W(number))
+            sigma = anchors.elevations[level][1]
+            noise = factors.noise_of_plane(settings.sigma_normal, sigma, self._config.backend.huber)
             side = 1.0 if self._is_floor[level] else -1.0
             held = partial(factors.storey_plane, 0.0, W(number), X(anchor_of[level]), F(level), noise, side)
             key: Key = ("level", level)

@@ -18,7 +18,7 @@ IDENTITY, SAME = O(0), O(1)  # a plane that is seen from its own frame is seen f
 def middles(anchors: Anchors) -> dict[int, Floats]:
     """(3,) points in the BIM frame at each known level's height, below the origin of the map; frames W(0), W(1), ..."""
     xy = inverse(anchors.T_map_bim)[:2, 3]
-    return {level: np.array([*xy, z]) for level, z in sorted(anchors.elevations.items())}
+    return {level: np.array([*xy, z]) for level, (z, _) in sorted(anchors.elevations.items())}
 
 
 def planned_walls(anchors: Anchors, anchor_of: dict[int, int]) -> list[tuple[int, PlannedWall]]:

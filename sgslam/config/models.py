@@ -192,7 +192,9 @@ class AnchorSettings(Settings):
     least_share: float = Field(0.5, gt=0, le=1)
     """minimum share of the walls that must be as planned; below it, the map is matched again"""
     sigma_floor: float = Field(0.01, gt=0)
-    """m, standard deviation of a storey's elevation as built"""
+    """m, standard deviation of a floor's height as built"""
+    sigma_ceiling: float = Field(0.03, gt=0)
+    """m, standard deviation of the ceilings' height as built, above the floor: plans are 1 to 3 cm off"""
 
 
 class AsBuiltSettings(Settings):

@@ -61,6 +61,5 @@ class Anchors:
     T_map_bim: Floats
     planes: dict[int, list[PlannedWall]]
     rooms: dict[int, Floats]  # room -> T_bim_room (4, 4)
-    elevations: dict[int, float]  # m, of the level surfaces by number whose planned heights are known
-    sigma_height: float = 0.0  # m, standard deviation of what the heights of all level surfaces have in common
+    elevations: dict[int, tuple[float, float]]  # m, planned heights of level surfaces by number, and their sigmas
     by: str = "given"  # origin of the storey and the rooms

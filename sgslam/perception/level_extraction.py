@@ -15,21 +15,20 @@ _BIN = 0.02  # m, of the histogram of heights
 _INLIER = 0.05  # m from the plane
 _ROUGH = 0.02  # m, standard deviation across of what is not level, or not one surface
 _LEAST_AREA = 0.75  # m2, of a surface; a tread of a stair has 0.3
-_CELL = 0.5  # m, of the grid in which the area is counted
+CELL = 0.5  # m, of the grid in which the area is counted
 
 
 @dataclass(frozen=True)
 class LevelObservation:
     """A level surface seen in a few scans, in the frame of a sensor pose.
 
-    `plane` is (nx, ny, nz, d) with n.x + d = 0 and n towards the side that was seen; `centre` (3,) that of the part
-    that was seen, of `area` m2. `is_floor`: it was seen from above, like a floor or a table, not a ceiling. The sigmas
-    are the fit's, of the normal (rad) and of the offset at the frame's origin (m).
+    `plane` is (nx, ny, nz, d) with n.x + d = 0 and n towards the side that was seen; `places` (C, 3) are the middles of
+    its points in each cell, of `CELL` m, in which it was seen. `is_floor`: it was seen from above, like a floor or a
+    table, not a ceiling. The sigmas are the fit's, of the normal (rad) and of the offset at the frame's origin (m).
     """
 
     plane: Floats
-    centre: Floats
-    area: float
+    places: Floats
     is_floor: bool
     sigma_normal: float
     sigma_offset: float
@@ -53,9 +52,8 @@ def extract_levels(
             normal = T_odom_sensor[:3, :3].T @ (up * scale)
             found.append(
                 LevelObservation(
-                    np.array([*normal, -height * scale]), T_odom_sensor[:3, :3].T @ seen.mean(axis=0),
-                    _area(seen), side > 0, float(np.sqrt(covariance[[1, 2], [1, 2]].max())),
-                    float(np.sqrt(covariance[0, 0])),
+                    np.array([*normal, -height * scale]), middles_of_cells(seen) @ T_odom_sensor[:3, :3], side > 0,
+                    float(np.sqrt(covariance[[1, 2], [1, 2]].max())), float(np.sqrt(covariance[0, 0])),
                 )
             )  # fmt: skip
     return found
@@ -94,7 +92,17 @@ def _peak(heights: Floats, weights: Floats) -> float:
 
 def _area(points: Floats) -> float:
     """m2 of the cells in plan view that hold points (N, 3)."""
-    if not len(points):
-        return 0.0
-    cells = np.floor(points[:, :2] / _CELL).astype(np.int64)
-    return len(np.unique(cells[:, 0] * 1_000_003 + cells[:, 1])) * _CELL**2
+    return len(np.unique(_cells(points))) * CELL**2
+
+
+def middles_of_cells(points: Floats) -> Floats:
+    """(C, 3) the mean of the points (N, 3) in each cell in plan view that holds some."""
+    _, own, count = np.unique(_cells(points), return_inverse=True, return_counts=True)
+    sums = [np.bincount(own.ravel(), points[:, k]) for k in range(3)]
+    return np.column_stack(sums) / count[:, None]
+
+
+def _cells(points: Floats) -> NDArray[np.int64]:
+    """(N,) a number of the cell in plan view of each point (N, 3)."""
+    cells = np.floor(points[:, :2] / CELL).astype(np.int64)
+    return np.asarray(cells[:, 0] * 1_000_003 + cells[:, 1])

@@ -1,0 +1,174 @@
+"""Aligns the level surfaces of a mapped floor to the planned ones above and below which they lie in plan view.
+
+What hides a planned floor lies on it, like furniture and platforms, and what hides a ceiling hangs below it. The larger
+a surface is, the less likely it only hides another one.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from data import LevelSurface
+from sgslam.config import AnchorSettings
+from sgslam.mapping.level_map import Levels
+
+Floats = NDArray[np.float64]
+_SURE, _NORMAL = 0.95, 1.96  # probability of a height that is not doubted; sigmas of a normal distribution that hold it
+_STEP = 0.005  # m between the heights that are tried
+_MAPPED = 0.01  # m, standard deviation of a height within the map of a floor
+_HIDING = 2.0  # m2, of a surface that is as likely to be furniture as the floor or ceiling
+_LOWERED = 0.2  # share of ceilings that hang below the planned ones, however large
+_BEYOND = 0.1  # times as likely as one that hides a planned surface is one behind it
+_REACH = 2.0  # m from a planned surface, within which others may hide it
+_ALIKE = 0.03  # m: surfaces as near in height are one, such as the ceilings of several rooms
+_MEANT = 0.5  # probability from which on a surface is the planned one
+
+
+@dataclass(frozen=True)
+class LevelAlignment:
+    """The planned heights (m, local frame) of level surfaces by their numbers, and their standard deviations (m).
+
+    `raised` (m) is the height of the levelled map's z = 0. `sigma` (m) is that of what all of them have in common, so
+    that 95 % regions hold at least 95 % of the probability: 0 where no other height is likely.
+    """
+
+    planned: dict[int, tuple[float, float]]
+    raised: float
+    sigma: float
+
+
+class _Seen(NamedTuple):
+    """A mapped surface: its number, height (m) and area (m2), and whether it is a floor; the heights (P,), m, of the
+    planned ones where it lies in plan view, the share (P,) of it that lies there, and the standard deviation (m)."""
+
+    number: int
+    height: float
+    area: float
+    is_floor: bool
+    planned: Floats
+    share: Floats
+    sigma: float
+
+
+def align_levels(
+    levels: Levels, planned: Sequence[LevelSurface], T_bim_level: Floats, origin: float, settings: AnchorSettings
+) -> LevelAlignment | None:
+    """The heights of mapped level surfaces in the plan; None where none lies at a `planned` one.
+
+    `T_bim_level` (4, 4) places the levelled map in plan view; the heights returned are those in the local frame, the
+    BIM frame moved down by `origin` (m).
+    """
+    seen = _at_planned(levels, planned, T_bim_level, origin, settings)
+    proposed = [own.planned - own.height for own in seen]
+    if not sum(map(len, proposed)):
+        return None
+    low, high = (float(pick(np.concatenate(proposed))) for pick in (np.min, np.max))
+    raised = np.arange(low - _REACH / 4, high + _REACH / 4, _STEP)
+    odds = np.sum([_log_density(own, raised) for own in _joined(seen)], axis=0)
+    probability = np.exp(odds - odds.max())
+    probability /= probability.sum()
+    best, sigma = _summary(raised, probability)
+    found = {own.number: at for own in seen if (at := _planned_at(own, best)) is not None}
+    return LevelAlignment(_shared(found, {own.number for own in seen if own.is_floor}, sigma), best, sigma)
+
+
+def _at_planned(
+    levels: Levels, planned: Sequence[LevelSurface], T_bim_level: Floats, origin: float, settings: AnchorSettings
+) -> list[_Seen]:
+    found = []
+    polygons = [shapely.Polygon(surface.polygon, surface.holes) for surface in planned]
+    for k, (number, places, is_floor) in enumerate(zip(levels.ids, levels.places, levels.is_floor, strict=True)):
+        xy = places[:, :2] @ T_bim_level[:2, :2].T + T_bim_level[:2, 3]
+        at: dict[float, float] = {}
+        for surface, polygon in zip(planned, polygons, strict=True):
+            within = shapely.contains_xy(polygon, *xy.T) if surface.is_floor == is_floor else np.zeros(len(xy), bool)
+            if within.any():
+                height = round(surface.height(*xy[within].mean(axis=0)) - origin, 3)
+                at[height] = at.get(height, 0.0) + float(within.mean())
+        sigma = settings.sigma_floor if is_floor else settings.sigma_ceiling
+        own = np.array(list(at)), np.minimum(np.array(list(at.values())), 1.0)
+        found.append(_Seen(int(number), float(levels.height[k]), float(levels.area[k]), bool(is_floor), *own, sigma))
+    return found
+
+
+def _joined(seen: list[_Seen]) -> list[_Seen]:
+    """The surfaces, with those of one side and height taken as one: what is wrong about one is so about all."""
+    joined: list[_Seen] = []
+    for own in sorted(seen, key=lambda own: (own.is_floor, own.height)):
+        last = joined[-1] if joined else None
+        if last is None or last.is_floor != own.is_floor or own.height - last.height > _ALIKE:
+            joined.append(own)
+            continue
+        area = last.area + own.area
+        height = (last.area * last.height + own.area * own.height) / area
+        share = np.concatenate([last.share * last.area, own.share * own.area]) / area
+        planned = np.concatenate([last.planned, own.planned])
+        joined[-1] = own._replace(height=height, area=area, planned=planned, share=share)
+    return joined
+
+
+def _log_density(own: _Seen, raised: Floats) -> Floats:
+    """(R,) the logarithm of the density (1/m) of a surface's height if the map is so high; what lies at no planned one
+    may be anywhere."""
+    above = (own.height + raised)[:, None] - own.planned
+    hiding = above > 0 if own.is_floor else above < 0
+    hides = _hides(own)
+    other = np.where(hiding, hides, _BEYOND * hides) / _REACH
+    planned = (1 - (1 + _BEYOND) * hides) * _normal(above, np.hypot(own.sigma, _MAPPED))
+    return np.asarray(np.log((planned + other) @ own.share + max(1 - own.share.sum(), 0.0) / (2 * _REACH) + 1e-6))
+
+
+def _hides(own: _Seen) -> float:
+    """The probability that a surface only hides the planned one."""
+    small = _HIDING / (_HIDING + own.area)
+    return small if own.is_floor else max(small, _LOWERED)
+
+
+def _normal(off: Floats, sigma: float) -> Floats:
+    return np.asarray(np.exp(-((off / sigma) ** 2) / 2) / (sigma * np.sqrt(2 * np.pi)))
+
+
+def _summary(raised: Floats, probability: Floats) -> tuple[float, float]:
+    """The mean (m) of the likeliest height and those near it, and the standard deviation (m) for all others."""
+    near = np.abs(raised - raised[np.argmax(probability)]) < 2 * _ALIKE
+    best = float(np.average(raised[near], weights=probability[near]))
+    return best, height_sigma(np.abs(raised[~near] - best), probability[~near])
+
+
+def height_sigma(apart: Floats, probability: Floats) -> float:
+    """The standard deviation (m) of a height, where others that are so far `apart` (N,) have a probability (N,)."""
+    if probability.sum() <= 1 - _SURE:
+        return 0.0
+    farthest = np.argsort(-apart)
+    beyond = np.cumsum(probability[farthest])
+    quantile = float(apart[farthest[np.argmax(beyond > 1 - _SURE)]])
+    return max(quantile / _NORMAL, float(np.sqrt(probability @ apart**2)))
+
+
+def _planned_at(own: _Seen, raised: float) -> tuple[float, float] | None:
+    """The planned height (m) of a surface and its standard deviation (m), if it probably is the planned one."""
+    if not len(own.planned):
+        return None
+    above = own.height + raised - own.planned
+    likely = own.share * (1 - (1 + _BEYOND) * _hides(own)) * _normal(above, np.hypot(own.sigma, _MAPPED))
+    best = int(np.argmax(likely))
+    if likely[best] < _MEANT * np.exp(_log_density(own, np.array([raised])))[0]:
+        return None
+    return float(own.planned[best]), own.sigma
+
+
+def _shared(
+    found: dict[int, tuple[float, float]], floors: set[int], sigma: float
+) -> dict[int, tuple[float, float]]:  # fmt: skip
+    """The planned heights with standard deviations such that floors err together, ceilings likewise, and all of them
+    by `sigma` (m)."""
+    counts = [sum((number in floors) == side for number in found) for side in (False, True)]
+    variance = {number: s**2 * counts[number in floors] for number, (_, s) in found.items()}
+    information = sum(1 / v for v in variance.values())
+    return {
+        number: (z, float(np.sqrt(variance[number] * (1 + sigma**2 * information)))) for number, (z, _) in found.items()
+    }
