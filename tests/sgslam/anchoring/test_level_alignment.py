@@ -1,56 +1,79 @@
 """The height of a map in the plan, from floors and ceilings, where some are hidden, raised, or not as planned."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from data import WallSurface
-from sgslam.anchoring.height_alignment import HeightAlignment, align_heights, distinct_heights, height_sigma
-from sgslam.anchoring.wall_alignment import AlignedWall
+from data import LevelSurface
+from sgslam.anchoring.level_alignment import LevelAlignment, align_levels, height_sigma
 from sgslam.config import AnchorSettings
+from sgslam.geometry.frames import se2_to_se3
 from sgslam.mapping.level_map import Levels
 
 FLOOR, CEILING = True, False
 Level = tuple[float, float, bool]  # height in the levelled map, area, side
+Planned = tuple[float, bool, float, float]  # height above the storey's floor, side, from x to x
+ROOM: tuple[Planned, ...] = ((0.0, FLOOR, 0.0, 60.0), (2.7, CEILING, 0.0, 60.0))
+PLACE = se2_to_se3(0.3, 40.0, -7.0, 0.0)
 
 
-def aligned(found: list[Level], tops: tuple[float, ...], sensor: float) -> HeightAlignment | None:
-    """The alignment in a storey whose floor is at 3 m, with walls of the given heights above it."""
+def aligned(found: list[Level], planned: tuple[Planned, ...], begin: float = 0.0) -> LevelAlignment | None:
+    """The alignment in a storey whose floor is at 3 m, 10 m deep: each surface begins at x = `begin` in the plan."""
+    places = []
+    for height, area, _ in found:
+        xy = np.array([(begin + 0.25 + 0.5 * (k // 20), 0.25 + 0.5 * (k % 20)) for k in range(round(4 * area))])
+        at = np.linalg.inv(PLACE) @ np.vstack([xy.T, np.zeros(len(xy)), np.ones(len(xy))])
+        places.append(np.column_stack([at[:2].T, np.full(len(xy), height)]))
     height, area, side = np.array(found, dtype=float).reshape(-1, 3).T
-    levels = Levels(np.arange(len(found)), height, np.zeros((len(found), 2)), area, side > 0)
-    surface = WallSurface("w", None, (0.0, 0.0), (1.0, 0.0), 4.0)
-    planned = [replace(surface, id=f"a{k}", height=(3.0, 3.0 + top)) for k, top in enumerate(tops)]
-    walls = [AlignedWall(surface, own, 0.0, True) for own in planned]
-    return align_heights(levels, walls, 3.0, 0.0, sensor, AnchorSettings())
+    levels = Levels(np.arange(len(found)), tuple(places), height, area, side > 0)
+    surfaces = []
+    for k, (z, is_floor, x0, x1) in enumerate(planned):
+        sign, corners = 1.0 if is_floor else -1.0, ((x0, 0.0), (x1, 0.0), (x1, 10.0), (x0, 10.0))
+        surfaces.append(LevelSurface(f"l{k}", (0.0, 0.0, sign, -sign * (103.0 + z)), corners))
+    return align_levels(levels, surfaces, PLACE, 100.0, AnchorSettings())
 
 
 @pytest.mark.parametrize(
-    ("found", "tops", "sensor", "planned", "raised"),
+    ("found", "planned", "as_planned", "raised"),
     [
-        ([(0.0, 500, FLOOR), (2.7, 300, CEILING)], (2.7,), 1.4, {0: 3.0}, 3.0),
-        ([(2.4, 300, CEILING), (1.1, 3, CEILING)], (2.7,), 1.1, {0: 5.7}, 3.3),  # no floor: the map's zero was a guess
-        # a platform that is seen most; a little of the floor is below it, and the ceiling is as planned above that
-        ([(0.0, 3000, FLOOR), (-0.3, 60, FLOOR), (2.4, 2000, CEILING)], (2.7,), 1.4, {1: 3.0}, 3.3),
-        ([(0.0, 3000, FLOOR), (-0.3, 600, FLOOR), (2.4, 2000, CEILING)], (2.7,), 1.4, {1: 3.0}, 3.3),
-        ([(0.0, 800, FLOOR), (2.4, 2000, CEILING)], (3.2,), 1.4, {0: 3.0}, 3.0),  # a suspended ceiling
-        ([(-0.25, 4, FLOOR), (1.7, 400, CEILING)], (2.7,), 0.4, {1: 5.7}, 4.0),  # a table, the floor is hidden
-        ([(2.2, 100, CEILING)], (2.5,), 1.2, {0: 5.5}, 3.3),
+        ([(0.0, 200, FLOOR), (2.7, 150, CEILING)], ROOM, {0: 3.0, 1: 5.7}, 3.0),
+        ([(2.4, 150, CEILING), (1.1, 2, CEILING)], ROOM, {0: 5.7}, 3.3),  # no floor: the map's zero was a guess
+        # a platform that is seen most; some of the floor is below it, and the ceiling is as planned above that
+        ([(0.0, 300, FLOOR), (-0.3, 60, FLOOR), (2.4, 300, CEILING)], ROOM, {1: 3.0, 2: 5.7}, 3.3),
+        ([(0.0, 150, FLOOR), (2.4, 150, CEILING)], ROOM, {0: 3.0}, 3.0),  # a suspended ceiling that is not planned
+        # what is planned in one half of the building counts there alone
+        ([(0.0, 300, FLOOR), (2.4, 150, CEILING)], (*ROOM[:1], (2.4, CEILING, 0, 30), (2.7, CEILING, 30, 60)),
+         {0: 3.0, 1: 5.4}, 3.0),
+        ([(-0.25, 2, FLOOR), (1.7, 150, CEILING)], ROOM, {1: 5.7}, 4.0),  # a table, the floor is hidden
+        ([(0.0, 200, FLOOR)], ((0.0, FLOOR, 30.0, 60.0), (0.2, FLOOR, 0.0, 30.0)), {0: 3.2}, 3.2),  # a planned platform
     ],
-)
+)  # fmt: skip
 def test_the_height_follows_from_the_levels_that_are_as_planned(
-    found: list[Level], tops: tuple[float, ...], sensor: float, planned: dict[int, float], raised: float
+    found: list[Level], planned: tuple[Planned, ...], as_planned: dict[int, float], raised: float
 ) -> None:
-    heights = aligned(found, tops, sensor)
-    assert heights is not None and heights.planned == planned
-    assert heights.raised == pytest.approx(raised)
+    heights = aligned(found, planned)
+    assert heights is not None and {level: z for level, (z, _) in heights.planned.items()} == pytest.approx(as_planned)
+    assert heights.raised == pytest.approx(raised, abs=0.004) and heights.sigma < 0.05
+
+
+def test_a_floor_is_right_where_the_planned_ceiling_is_not_however_many_patches_that_has() -> None:
+    for patches in (1, 2, 4):
+        heights = aligned(
+            [(0.0, 200, FLOOR), *[(2.73 + 0.004 * k, 100 / patches, CEILING) for k in range(patches)]], ROOM
+        )
+        assert heights is not None and heights.raised == pytest.approx(3.0, abs=0.006)
+        information = {
+            side: sum(s**-2 for level, (_, s) in heights.planned.items() if (level > 0) == side) for side in (0, 1)
+        }
+        assert information[0] == pytest.approx(9 * information[1], rel=0.01)  # sigmas of 1 and 3 cm
 
 
 def test_where_two_heights_are_as_likely_the_doubt_is_given_and_nothing_seen_gives_none() -> None:
-    for tops, least, most in (((2.5,), 0.0, 0.0), ((2.5, 3.0), 0.1, 1.0)):  # of one ceiling, below walls of two heights
-        heights = aligned([(2.2, 100, CEILING)], tops, 1.2)
+    two = ((2.5, CEILING, 0.0, 60.0), (3.0, CEILING, 0.0, 60.0))
+    for planned, least, most in ((two[:1], 0.0, 0.0), (two, 0.1, 1.0)):
+        heights = aligned([(2.2, 100, CEILING)], planned)
         assert heights is not None and least <= heights.sigma <= most
-    assert aligned([], (), 1.4) is None and aligned([(2.4, 300, CEILING)], (), 1.4) is None
+        assert all(s > heights.sigma for _, s in heights.planned.values())
+    assert aligned([], ROOM) is None and aligned([(2.4, 100, CEILING)], ROOM, begin=100.0) is None
 
 
 @pytest.mark.parametrize(
@@ -68,9 +91,3 @@ def test_a_region_of_95_percent_holds_95_percent_of_the_likely_heights(
     apart: list[float], probability: list[float], expected: float
 ) -> None:
     assert height_sigma(np.array(apart), np.array(probability)) == pytest.approx(expected)
-
-
-@pytest.mark.parametrize(("third", "expected"), [(0.32, [1, 0]), (0.34, [1, 2, 0])])
-def test_heights_within_the_tolerance_of_one_another_count_once(third: float, expected: list[int]) -> None:
-    candidates, odds = np.array([0.0, 0.3, third]), np.array([-2.0, 0.0, -1.0])
-    assert distinct_heights(candidates, odds, tolerance=0.03) == expected
