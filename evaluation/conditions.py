@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from data.common.errors import UserError
 from data.scans import Scan
-from data.scene_graph import Room, SceneGraph, WallSurface, Xy
+from data.scene_graph import LevelSurface, Room, SceneGraph, WallSurface, Xy
 from data.simulation import Changes
 from data.trajectory import Trajectory
 
@@ -22,8 +22,9 @@ BUILDING: dict[str, Changes] = {
     "10 to 30 cm": Changes(moved=0.33),
     "absent": Changes(absent=0.1, unplanned=0.1),
 }
-# Of the plan that is given: of another building, of two equal ones side by side, with another storey stated.
-PLANS = ("foreign plan", "doubled plan", "wrong storey")
+# Of the plan that is given: of another building, of two equal ones side by side, with another storey stated, with all
+# ceilings a few centimetres too low.
+PLANS = ("foreign plan", "doubled plan", "wrong storey", "low ceilings")
 # Of the sensor, with the amounts of four severities; "mirrored" and "feet" have none.
 SENSOR: dict[str, tuple[float, ...]] = {
     "dropout": (0.3, 0.6, 0.8, 0.95),  # of the returns are lost, at random
@@ -50,6 +51,7 @@ COVERED_S, CARRIED_S = 5.0, 12.0
 COVER_M = 0.15, 0.25  # from the sensor: a hand or a cap
 FEET = 1 / 0.3048
 BESIDE_M = 5.0  # between two equal buildings
+LOW_M = 0.03  # of the planned ceilings
 BEAM_RAD = float(np.radians(2.0))  # one beam of 16
 BLOCKS, BLOCK_S, BLOCK_M = 12, 2.0, (0.4, 0.8)  # directions that are blocked together, for how long, how near
 PERSON_RADIUS_M, PERSON_RANGE_M = 0.25, (0.8, 4.0)
@@ -274,6 +276,16 @@ def doubled(plan: SceneGraph) -> SceneGraph:
         wall_surfaces=plan.wall_surfaces + tuple(map(wall_beside, plan.wall_surfaces)),
         doors=plan.doors + doors,
     )
+
+
+def with_low_ceilings(plan: SceneGraph) -> SceneGraph:
+    """The plan with all ceilings a little too low."""
+
+    def lowered(surface: LevelSurface) -> LevelSurface:
+        nx, ny, nz, d = surface.plane
+        return surface if surface.is_floor else replace(surface, plane=(nx, ny, nz, d + nz * LOW_M))
+
+    return replace(plan, level_surfaces=tuple(map(lowered, plan.level_surfaces)))
 
 
 def _azimuth(points: Array) -> Array:

@@ -20,7 +20,7 @@ from data.scans import Scan
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
 from evaluation.buildings import building_file, building_named, generated, plan_graph, storey_of
-from evaluation.conditions import NO_PLACE, Troubled, doubled
+from evaluation.conditions import NO_PLACE, Troubled, doubled, with_low_ceilings
 from evaluation.drive import Drive, DriveCase, drive_of, release
 from evaluation.elements import verdicts_of
 from evaluation.metrics.maps import room_scores, wall_scores
@@ -133,7 +133,8 @@ def _plan(case: DriveCase, drive: Drive, work: Path) -> SceneGraph:
         name = next(name for name in FOREIGN if name != case.building)
         return plan_graph(building_file(name, work)[0])
     plan = plan_graph(drive.plan)
-    return doubled(plan) if case.trouble == "doubled plan" else plan
+    changed = {"doubled plan": doubled, "low ceilings": with_low_ceilings}.get(case.trouble)
+    return plan if changed is None else changed(plan)
 
 
 def _another_storey(plan: SceneGraph, truth: Trajectory) -> str:

@@ -92,6 +92,7 @@ STUDIES = (
     "trust",
     "elements",
     "storeys",
+    "heights",
     "relocalisation",
     "other_slam",
     "timing",

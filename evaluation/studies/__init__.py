@@ -1,1 +1,1 @@
-"""The ten studies, one question each."""
+"""The eleven studies, one question each."""
