@@ -57,7 +57,7 @@ class Run:
             if i:
                 T_odom = T_odom @ self._slipped(inverse(self.truth[i - 1]) @ T)
             floor = self._noisy(self._in_sensor(FLOOR, i))
-            self.levels.append(SeenLevel(i, 0, floor, -floor[3] * floor[:3], 10.0, True, 0.001, 0.003))
+            self.levels.append(SeenLevel(i, 0, floor, -floor[3] * floor[None, :3], True, 0.001, 0.003))
             self.backend.add_keyframe(KeyframeNode(i, 10**8 * i, T_odom, T_odom.copy(), step_covariance=STEP))
             for wall in visible(self.in_building[i]):
                 plane = self._noisy(self._in_sensor(WALLS[wall], i))
@@ -98,7 +98,7 @@ def anchors_of(run: Run, T_bim_building: Array, guess_off: Array | None = None) 
         for wall, plane in enumerate(WALLS)
     }
     guess = T_map_bim if guess_off is None else T_map_bim @ guess_off
-    return Anchors(guess, planes, {}, {0: float(T_bim_building[2, 3])}), T_map_bim
+    return Anchors(guess, planes, {}, {0: (float(T_bim_building[2, 3]), 0.01)}), T_map_bim
 
 
 def built_otherwise(anchors: Anchors, wall: int, offset: float) -> Anchors:

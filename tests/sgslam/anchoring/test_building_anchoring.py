@@ -2,13 +2,10 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from anchored_maps import HIGHER, Anchored, ground, storeys, two_floors
 
 from data import SceneGraph
-from sgslam.anchoring.building_anchoring import merged
-from sgslam.mapping import Anchors
 
 
 @pytest.fixture(scope="module")
@@ -39,11 +36,6 @@ def test_a_floor_takes_its_place_from_another_and_from_its_height(base: str) -> 
     assert own.floors.maps[0].scene is not None
     anchoring.of(0).withdraw(own.floors.maps[0].scene, "as a test")
     assert anchoring.committed is anchoring.of(1)  # the floor that is left leads
-
-
-def test_the_height_of_a_building_is_as_uncertain_as_that_of_the_worst_floor() -> None:
-    below, above = (Anchors(np.eye(4), {}, {}, {}, sigma_height=sigma) for sigma in (0.1, 0.3))
-    assert merged([below, above]).sigma_height == merged([above, below]).sigma_height == 0.3
 
 
 def test_a_floor_waits_until_the_back_end_has_the_place_of_another(base: str) -> None:

@@ -25,8 +25,11 @@ def filled(*keyframes: list[Level], apart: float = 1.0) -> tuple[LevelMap, Array
 def seen(T: Array, height: float, is_floor: bool, area: float) -> LevelObservation:
     side = 1.0 if is_floor else -1.0
     plane = transform_planes(inverse(T), np.array([0, 0, side, -side * height]))
-    centre = transform_points(inverse(T), np.array([T[0, 3], T[1, 3], height]))
-    return LevelObservation(plane, centre, area, is_floor, 0.001, 0.003)
+    side_m, cell = np.sqrt(area), 0.5  # a square about the sensor's place
+    along = np.arange(cell / 2, side_m, cell) - side_m / 2
+    x, y = np.meshgrid(T[0, 3] + along, T[1, 3] + along)
+    places = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, height)])
+    return LevelObservation(plane, transform_points(inverse(T), places), is_floor, 0.001, 0.003)
 
 
 def test_a_floor_goes_on_through_doors_and_a_step_or_another_rooms_ceiling_is_another_level() -> None:
