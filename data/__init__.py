@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 from data.common.errors import UserError
 
 if TYPE_CHECKING:
-    from data.scene_graph import Door, Floor, Keyframe, Room, SceneGraph, WallSurface
+    from data.scene_graph import Door, Floor, Keyframe, LevelSurface, Room, SceneGraph, WallSurface
 
-__all__ = ["Door", "Floor", "Keyframe", "Room", "SceneGraph", "UserError", "WallSurface"]
+__all__ = ["Door", "Floor", "Keyframe", "LevelSurface", "Room", "SceneGraph", "UserError", "WallSurface"]
 
 if not TYPE_CHECKING:  # a type checker that sees __getattr__ takes every name for Any
 

@@ -1,4 +1,4 @@
-"""An IFC model as an A-graph: storeys, rooms, wall surfaces and doors in the BIM frame."""
+"""An IFC model as an A-graph: storeys, rooms, wall and level surfaces and doors in the BIM frame."""
 
 from collections import Counter, defaultdict
 from dataclasses import replace
@@ -11,6 +11,7 @@ from data.common.errors import UserError
 from data.geometry.areas import Area, united
 from data.ifc.doors import doors_of
 from data.ifc.enclosed_rooms import rooms_between
+from data.ifc.levels import level_surfaces, planned_levels
 from data.ifc.products import open_ifc, products
 from data.ifc.rooms import Level, RoomVolume, rooms_of
 from data.ifc.sections import Solid, solid_of
@@ -53,7 +54,14 @@ def read_ifc(path: Path | str) -> tuple[SceneGraph, tuple[str, ...]]:
     if len(solids) < count:
         notices.append(f"{count - len(solids)} of {count} walls have no geometry or lie flat, and are left out")
     doors = doors_of(model, rooms, shadows)
-    return SceneGraph("bim", tuple(r.room for r in rooms), surfaces, doors, floors), tuple(notices)
+
+    def walls_at(area: Area, z: float) -> Area:
+        standing = (shadows[s.product.global_id] for s in solids if s.bottom < z < s.top)
+        return united(shadow for shadow in standing if shadow.intersects(area))
+
+    levels_seen = level_surfaces(planned_levels(model, rooms), rooms, floors, walls_at)
+    graph = SceneGraph("bim", tuple(r.room for r in rooms), surfaces, doors, floors, level_surfaces=levels_seen)
+    return graph, tuple(notices)
 
 
 def _stands(solid: Solid, shadow: Area) -> bool:

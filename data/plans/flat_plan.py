@@ -1,6 +1,6 @@
 """Converts a plan without heights (rooms as polygons, or walls alone) to an A-graph, storey by storey."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -11,12 +11,13 @@ from data.common.errors import UserError
 from data.geometry.areas import Area, closed, polygons_of, united
 from data.ifc.edges import straightened
 from data.ifc.enclosed_rooms import GAP, closed_faces, gaps, halls
+from data.ifc.levels import normal_form
 from data.ifc.products import IfcProduct
 from data.ifc.rooms import Level, RoomVolume, finished
 from data.ifc.sections import Solid
 from data.ifc.surfaces import open_area, surfaces_at
 from data.plans.polygons import Drawing, DrawnRoom, scene_graph_of, with_pillars
-from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface
+from data.scene_graph import Door, Floor, LevelSurface, Room, SceneGraph, WallSurface
 
 Array = NDArray[np.float64]
 DOORWAY = 1.6  # m: a wider gap between walls joins what lies on its sides
@@ -29,7 +30,8 @@ PARTING = 0.01  # m: rooms that share an edge in a plan without walls have one t
 class FlatStorey:
     """A drawn storey: `walls` is the area of walls and windows, `rooms` are id, name and area, `doors` areas.
 
-    `elevation` is the z of its floor and `height` that of its rooms, if known. Metres.
+    `elevation` is the z of its floor and `height` that of its rooms, if known, and `is_level` whether that is so in all
+    of its rooms. Metres.
     """
 
     name: str
@@ -38,6 +40,7 @@ class FlatStorey:
     doors: Sequence[Area] = ()
     elevation: float | None = None
     height: float | None = None
+    is_level: bool = True
 
 
 def graph_of_storeys(storeys: Sequence[FlatStorey], where: str) -> tuple[SceneGraph, tuple[str, ...]]:
@@ -58,7 +61,24 @@ def graph_of_storeys(storeys: Sequence[FlatStorey], where: str) -> tuple[SceneGr
     if not surfaces:
         raise UserError(f"{where}: no walls were found in it; give a plan with walls or rooms")
     rooms, doors = tuple(r for g in graphs for r in g.rooms), tuple(d for g in graphs for d in g.doors)
-    return SceneGraph("bim", rooms, surfaces, doors, tuple(f for g in graphs for f in g.floors)), tuple(notices)
+    floors = tuple(f for g in graphs for f in g.floors)
+    levels = tuple(v for g, storey in zip(graphs, storeys, strict=True) for v in _levels(g.rooms, storey))
+    return SceneGraph("bim", rooms, surfaces, doors, floors, level_surfaces=levels), tuple(notices)
+
+
+def _levels(rooms: Sequence[Room], storey: FlatStorey) -> Iterator[LevelSurface]:
+    """The floors and ceilings of a storey's rooms, as far as their heights are given."""
+    if storey.elevation is None or not storey.is_level:
+        return
+    for room in rooms:
+        assert room.polygon is not None
+        floor = LevelSurface(
+            f"{room.id}/level-1", normal_form((storey.elevation, 0.0, 0.0), is_floor=True), room.polygon
+        )
+        yield replace(floor, room=room.id, floor=room.floor)
+        if storey.height is not None:
+            plane = normal_form((storey.elevation + storey.height, 0.0, 0.0), is_floor=False)
+            yield replace(floor, id=f"{room.id}/level-2", plane=plane, room=room.id, floor=room.floor)
 
 
 def _with_rooms(storey: FlatStorey, floor: Floor) -> SceneGraph:

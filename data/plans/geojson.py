@@ -32,6 +32,7 @@ WALL, DOOR = ("wall", "window", "column", "pillar", "partition"), ("door", "open
 NO_PART = ("venue", "building", "footprint", "level", "site", "outline", "storey", "floor")  # what holds rooms
 SMALLEST_METRES, LARGEST = 0.5, 20_000.0  # extents: below the one it is degrees, over the other no building
 DOOR_DEPTH = 0.4  # m: of a door drawn as a line or point
+SAME_HEIGHT = 0.01  # m
 EARTH = 6_378_137.0  # m
 
 
@@ -171,4 +172,5 @@ def _flat(name: str, storey: _Storey) -> FlatStorey:
     doors = [d for d in storey.doors if not d.is_empty]
     elevation = float(np.median(storey.elevations)) if storey.elevations else None
     height = float(np.median(storey.heights)) if storey.heights else None
-    return FlatStorey(name, united([walls]), rooms, doors, elevation, height)
+    is_level = all(max(z) - min(z) < SAME_HEIGHT for z in (storey.elevations, storey.heights) if z)
+    return FlatStorey(name, united([walls]), rooms, doors, elevation, height, is_level)

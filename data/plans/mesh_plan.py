@@ -16,18 +16,19 @@ from numpy.typing import NDArray
 from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 from data.geometry.areas import Area, closed, difference, opened, united
+from data.geometry.level_faces import level_faces
 from data.ifc.enclosed_rooms import GAP, MIN_AREA, PASSABLE, STOREY
+from data.ifc.levels import PlannedLevels, level_surfaces
 from data.ifc.rooms import Level, RoomVolume, finished
 from data.ifc.surfaces import CUTS, PASSAGE, open_area, surfaces_at
 from data.plans.flat_plan import DOORWAY, doors_of
 from data.plans.mesh_files import read_triangles
 from data.plans.mesh_sections import MeshSolid, mesh_solid
-from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface
+from data.scene_graph import Door, Floor, LevelSurface, Room, SceneGraph, WallSurface
 
 Array = NDArray[np.float64]
 LINTELS = (1.95, 2.05, 2.15, 2.3, 2.45, 2.6)  # m above the floor, where doorways have an upper end
 SAME_FLOOR = 0.1  # m
-LOWEST_CEILING = 1.9  # m
 PART_OF_MOST = 0.3  # of the largest floor's area that another floor has at least
 SLIVER = 0.01  # m: sections of one wall at two heights differ by less
 
@@ -64,15 +65,19 @@ def read_mesh(path: Path | str, *more: Path | str) -> MeshBuilding:
         surfaces += surfaces_at(replace(level, top=top), [solid])
     if not surfaces:
         raise UserError(f"{path}: no walls that stand on a floor; give the mesh of a building, walls with two sides")
-    ceilings = _ceilings(triangles, levels)
+    floors = tuple(Floor(str(v.floor), f"level {v.bottom:.2f}", v.bottom) for v in levels)
+    volumes = [room for level in levels for room in level.rooms]
+    faces = PlannedLevels(list(level_faces(triangles, is_body=False)))
+    seen = level_surfaces(faces, volumes, floors, lambda area, _: area)
+    ceilings = _ceilings(seen, {v.room.id: v.area for v in volumes})
     # what has no source is a wall of its own: all of a mesh is one body
     numbered = tuple(
         replace(s, id=f"surface-{k}", source="", height=_up_to(ceilings.get(s.room or ""), s.height))
         for k, s in enumerate(sorted(surfaces, key=lambda s: s.room is None), 1)
     )
-    floors = tuple(Floor(str(v.floor), f"level {v.bottom:.2f}", v.bottom) for v in levels)
-    rooms = tuple(room.room for level in levels for room in level.rooms)
-    return MeshBuilding(SceneGraph("bim", rooms, numbered, tuple(doors), floors), triangles, tuple(levels))
+    rooms = tuple(v.room for v in volumes)
+    graph = SceneGraph("bim", rooms, numbered, tuple(doors), floors, level_surfaces=seen)
+    return MeshBuilding(graph, triangles, tuple(levels))
 
 
 def _floors(triangles: Array) -> list[tuple[float, Area]]:
@@ -95,20 +100,13 @@ def _floors(triangles: Array) -> list[tuple[float, Area]]:
     return sorted(((bottom, floor) for bottom, floor, _ in found), key=lambda f: f[0])
 
 
-def _ceilings(triangles: Array, levels: list[Level]) -> dict[str, float]:
+def _ceilings(levels: tuple[LevelSurface, ...], rooms: dict[str, Area]) -> dict[str, float]:
     """The height of the ceiling over most of each room, by the room's id, for those that have one in the mesh."""
-    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2
-    down = triangles[normal[:, 2] < -0.99 * np.linalg.norm(normal, axis=1)]
-    outlines, z = shapely.polygons(down[:, :, :2]), down[:, :, 2].mean(axis=1)
-    tree, found = shapely.STRtree(outlines), dict[str, float]()
+    found = {}
     for level in levels:
-        for room in level.rooms:
-            own = tree.query(room.area, predicate="intersects")
-            own = own[z[own] > level.bottom + LOWEST_CEILING]
-            own = own[np.argsort(z[own])]
-            covered = np.cumsum(shapely.area(shapely.intersection(outlines[own], room.area)))
-            if len(own) and covered[-1] > room.area.area / 2:
-                found[room.room.id] = float(z[own[np.searchsorted(covered, room.area.area / 2)]])
+        ceiling = shapely.Polygon(level.polygon, level.holes)
+        if level.room is not None and not level.is_floor and ceiling.area > rooms[level.room].area / 2:
+            found[level.room] = level.height(ceiling.centroid.x, ceiling.centroid.y)
     return found
 
 

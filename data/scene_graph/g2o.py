@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from data.common.errors import UserError
 from data.common.files import text_lines
 from data.geometry.poses import xyzquat_to_poses
-from data.scene_graph.graph import Room, SceneGraph, WallSurface
+from data.scene_graph.graph import SceneGraph
+from data.scene_graph.nodes import Room, WallSurface
 
 Floats = NDArray[np.float64]
 _CROSSING = 0.5  # sine of the angle at which one wall of a room bounds another

@@ -1,4 +1,4 @@
-"""`SceneGraph`: floors, rooms, wall surfaces, doors and keyframes. Both the A-graph and the S-graph are scene graphs.
+"""`SceneGraph`: floors, rooms, wall and level surfaces, doors, keyframes. A-graph and S-graph are scene graphs.
 
 Lengths are in metres, angles in radians. Coordinates are in the graph's own frame: `bim` (the IFC model's world frame)
 for an A-graph, `map` for an S-graph.
@@ -9,117 +9,19 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from data.common.errors import UserError
 from data.common.files import write_json
 from data.common.json_files import read_json
+from data.scene_graph.nodes import Door, Floor, Keyframe, LevelSurface, Room, WallSurface
 
-FARTHEST = 1e9  # m: no coordinate on the earth is larger, and squares of it stay exact enough
-Number = Annotated[float, Field(strict=True, ge=-FARTHEST, le=FARTHEST)]  # no text and no truth value in JSON
-Xy = tuple[Number, Number]
 SCHEMA_VERSION = 1
-
-
-@dataclass(frozen=True)
-class Floor:
-    """A storey. `elevation` is the z of its finished floor in metres, None if unknown."""
-
-    id: str
-    name: str = ""
-    elevation: Number | None = None
-
-
-@dataclass(frozen=True)
-class Room:
-    """A room or corridor.
-
-    Attributes:
-        id: Unique within the graph.
-        centroid: (x, y) in metres.
-        floor: Id of the floor, None if unknown.
-        name: The name in the plan.
-        polygon: Outer ring of the footprint as (x, y) in metres, without repeating the first corner; None if unknown.
-    """
-
-    id: str
-    centroid: Xy
-    floor: str | None = None
-    name: str = ""
-    polygon: tuple[Xy, ...] | None = None
-
-
-@dataclass(frozen=True)
-class WallSurface:
-    """One side of a wall.
-
-    Attributes:
-        id: Unique within the graph.
-        room: Id of the room that the surface faces, None if unknown.
-        centroid: (x, y) of the footprint's mid point in metres.
-        normal: (x, y) unit vector into the room.
-        length: Length of the footprint in metres, None if unknown.
-        floor: Id of the floor, None if unknown.
-        source: What the surface was read from, for example the wall's GlobalId in the IFC file.
-        height: z of the lower and the upper edge in metres: in the BIM frame for a plan, above the floor for a map.
-        plane: (nx, ny, nz, d) with n.x + d = 0, None if unknown.
-        parts: Where which wall stands along a planned surface: (source, from, to, whether full-height rather than below
-            a window). Positions are metres from the mid point, to the left when looking along the normal. The gaps
-            between parts are doors and other openings.
-    """
-
-    id: str
-    room: str | None
-    centroid: Xy
-    normal: Xy
-    length: Number | None = None
-    floor: str | None = None
-    source: str = ""
-    height: tuple[Number, Number] | None = None
-    plane: tuple[Number, Number, Number, Number] | None = None
-    parts: tuple[tuple[str, Number, Number, Annotated[bool, Field(strict=True)]], ...] = ()
-
-    def ends(self) -> tuple[Xy, Xy]:
-        """Returns both end points (x, y) of the footprint, the left one (looking along the normal) first."""
-        half = (self.length or 0.0) / 2
-        (cx, cy), (nx, ny) = self.centroid, self.normal
-        return (cx - ny * half, cy + nx * half), (cx + ny * half, cy - nx * half)
-
-
-@dataclass(frozen=True)
-class Door:
-    """A door or passage. `rooms` holds the ids of the rooms it joins (one for an outer door), `centroid` is (x, y) in
-    metres.
-    """
-
-    id: str
-    rooms: tuple[str, ...]
-    centroid: Xy
-
-
-@dataclass(frozen=True)
-class Keyframe:
-    """A pose of the sensor in the map.
-
-    Attributes:
-        id: Unique within the graph.
-        stamp_ns: Time in nanoseconds.
-        pose: T_map_sensor as (x, y, z, qx, qy, qz, qw); metres and a unit quaternion.
-        floor: Id of the floor, None if unknown.
-        room: Id of the room, None if unknown.
-        observes: Ids of the wall surfaces observed from here.
-    """
-
-    id: str
-    stamp_ns: Annotated[int, Field(strict=True, ge=-(2**63), lt=2**63)]
-    pose: tuple[Number, Number, Number, Number, Number, Number, Number]
-    floor: str | None = None
-    room: str | None = None
-    observes: tuple[str, ...] = ()
+STEEPEST = 0.9  # upright part of a level surface's normal, at least
 
 
 @dataclass(frozen=True)
@@ -129,10 +31,12 @@ class SceneGraph:
     Attributes:
         frame: Name of the frame of all coordinates: `bim` or `map`.
         rooms, wall_surfaces, doors, floors, keyframes: The nodes of the graph.
+        level_surfaces: Floors and ceilings, empty where the plan has no heights; of a plan only.
 
     Raises:
         UserError: An id is used twice, a surface refers to a missing room, a centroid or a normal is not (x, y), a
-            normal is not a unit vector, a length is not positive, or a number is not finite.
+            normal is not a unit vector, a length is not positive, a level surface is steep or has no polygon, or a
+            number is not finite.
     """
 
     frame: str
@@ -141,11 +45,12 @@ class SceneGraph:
     doors: tuple[Door, ...] = ()
     floors: tuple[Floor, ...] = ()
     keyframes: tuple[Keyframe, ...] = ()
+    level_surfaces: tuple[LevelSurface, ...] = ()
 
     def __post_init__(self) -> None:
         """Checks the graph; see the class for what is refused. Raises UserError."""
-        everything: list[Room | WallSurface | Door | Floor | Keyframe] = [
-            *self.rooms, *self.wall_surfaces, *self.doors, *self.floors, *self.keyframes
+        everything: list[Room | WallSurface | Door | Floor | Keyframe | LevelSurface] = [
+            *self.rooms, *self.wall_surfaces, *self.doors, *self.floors, *self.keyframes, *self.level_surfaces
         ]  # fmt: skip
         ids = [item.id for item in everything]
         if len(set(ids)) != len(ids):
@@ -163,6 +68,13 @@ class SceneGraph:
                 raise UserError(f"scene graph: the normal of wall surface '{surface.id}' is not a unit vector")
             if surface.length is not None and not surface.length > 0:
                 raise UserError(f"scene graph: wall surface '{surface.id}' has no positive length")
+        for level in self.level_surfaces:
+            if level.room is not None and level.room not in self.room_by_id:
+                raise UserError(f"scene graph: level surface '{level.id}' refers to a missing room '{level.room}'")
+            if abs(math.hypot(*level.plane[:3]) - 1) > 1e-6 or abs(level.plane[2]) < STEEPEST:
+                raise UserError(f"scene graph: the plane of level surface '{level.id}' is steep or not of unit length")
+            if min(map(len, (level.polygon, *level.holes))) < 3:
+                raise UserError(f"scene graph: level surface '{level.id}' has a ring of fewer than three corners")
         for item in everything:
             if not all(math.isfinite(x) for x in _numbers(vars(item))):
                 raise UserError(f"scene graph: '{item.id}' holds a number that is not finite")
@@ -186,20 +98,32 @@ class SceneGraph:
                 facing[surface.room].append(surface)
         return {room: tuple(surfaces) for room, surfaces in facing.items()}
 
+    @cached_property
+    def levels_of_room(self) -> dict[str, tuple[LevelSurface, ...]]:
+        """The level surfaces of each room, by room id, in the graph's order."""
+        found: dict[str, list[LevelSurface]] = {r.id: [] for r in self.rooms}
+        for level in self.level_surfaces:
+            if level.room is not None:
+                found[level.room].append(level)
+        return {room: tuple(levels) for room, levels in found.items()}
+
     def on_floor(self, floor: str | None) -> "SceneGraph":
         """Returns the part of the graph on one floor, given by id; None selects nodes without a floor.
 
-        Wall surfaces are where their room is, and a room without a floor is where its first wall surface with one is.
+        Wall and level surfaces are where their room is, and a room without a floor is where its first wall surface
+        with one is.
         """
         of_walls = {w.room: w.floor for w in reversed(self.wall_surfaces) if w.floor is not None}
         floor_of = {r.id: of_walls.get(r.id) if r.floor is None else r.floor for r in self.rooms}
         rooms = tuple(r for r in self.rooms if floor_of[r.id] == floor)
         kept = {r.id for r in rooms}
         walls = (w for w in self.wall_surfaces if (w.floor if w.room is None else floor_of[w.room]) == floor)
+        levels = (v for v in self.level_surfaces if (v.floor if v.room is None else floor_of[v.room]) == floor)
         return SceneGraph(
             self.frame, rooms, tuple(walls),
             tuple(d for d in self.doors if kept.intersection(d.rooms)),
             tuple(f for f in self.floors if f.id == floor), tuple(k for k in self.keyframes if k.floor == floor),
+            tuple(levels),
         )  # fmt: skip
 
     def centroid(self) -> NDArray[np.float64]:

@@ -7,7 +7,8 @@ import numpy as np
 
 from data.geometry import se2
 from data.geometry.se2 import Array
-from data.scene_graph.graph import Room, SceneGraph, WallSurface, Xy
+from data.scene_graph.graph import SceneGraph
+from data.scene_graph.nodes import Room, WallSurface, Xy
 
 MIRRORED = ", mirrored"  # added to the name of a frame
 Pose = tuple[float, float, float, float, float, float, float]  # x y z, and a quaternion qx qy qz qw
@@ -16,7 +17,7 @@ Pose = tuple[float, float, float, float, float, float, float]  # x y z, and a qu
 def moved(graph: SceneGraph, T_out_graph: Array) -> SceneGraph:
     """Moves rooms, wall surfaces and doors by (yaw, x, y) in rad and m: p_out = R(yaw) p_graph + (x, y).
 
-    Ids, order and the frame's name stay; `plane`s and keyframes are left out.
+    Ids, order and the frame's name stay; `plane`s, level surfaces and keyframes are left out.
     """
     T = np.asarray(T_out_graph, dtype=float)
 
@@ -33,7 +34,7 @@ def moved(graph: SceneGraph, T_out_graph: Array) -> SceneGraph:
 
 def mirrored(graph: SceneGraph) -> SceneGraph:
     """The mirror image: y becomes -y, of the sensor's axes too. Ids and order stay, the frame's name says it; `plane`s
-    are left out."""
+    and level surfaces are left out."""
 
     def flipped(point: Xy) -> Xy:
         return point[0], -point[1]

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from data.scene_graph.graph import SceneGraph, WallSurface
+from data.scene_graph.graph import SceneGraph
+from data.scene_graph.nodes import WallSurface
 
 _LONGEST_MEDIAN = 50.0  # m; drawn and real graphs have 1 to 10, in centimetres 80 and more
 _FEWEST = 4  # walls; fewer say nothing about all

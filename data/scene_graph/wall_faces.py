@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from data.scene_graph.graph import WallSurface
+from data.scene_graph.nodes import WallSurface
 
 _PARALLEL = 0.999  # cosine
 _THICKEST = 0.7  # m between the two sides of a wall

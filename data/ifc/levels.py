@@ -1,0 +1,221 @@
+"""Level surfaces: the floors and ceilings of rooms, from the level faces of slabs, coverings, roofs, ramps and stairs.
+
+A face belongs to the room from which it is seen. Outside all rooms it is kept where one could be: on the floor of a
+storey, and between a floor and a ceiling.
+"""
+
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import ifcopenshell
+import numpy as np
+import shapely
+from shapely.geometry.polygon import orient
+
+from data.geometry.areas import Area, difference, opened, overlap, polygons_of, united
+from data.geometry.level_faces import CLEARANCE, LEAST, LevelFace, Plane, level_faces, visible, within
+from data.ifc.products import products
+from data.ifc.rooms import RoomVolume
+from data.ifc.sections import Solid, solid_of
+from data.scene_graph import Floor, LevelSurface
+
+STAIRS = ("IfcStair", "IfcStairFlight", "IfcRamp", "IfcRampFlight")
+ROOFS = ("IfcSlab", "IfcRoof")
+LEVELS = ("IfcSlab", "IfcCovering", "IfcRoof", *STAIRS)
+OFF = 0.3  # m by which a room's floor may lie under its space, and its ceiling over it
+HEAD = 1.0  # m of a room above a floor, at least
+HALF = 0.2  # m: half the width of the narrowest level surface; stairs' treads are narrower
+LEAST_BESIDE = 2.0  # m2, outside all rooms
+LANDING = 0.9  # of a landing's area lies in one room
+TIDY = 0.001  # m: corners that stand out less are no corners
+WallsAt = Callable[[Area, float], Area]
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedLevels:
+    """The faces of the `bodies` that a model has as levels (with their hulls in plan), and those of its spaces by their
+    GlobalIds, whose floors face down."""
+
+    faces: Sequence[LevelFace]
+    bodies: Sequence[tuple[Solid, Area]] = ()
+    spaces: dict[str, list[LevelFace]] = field(default_factory=dict)
+
+    def passed(self, room: RoomVolume) -> bool:
+        """Whether stairs or ramps lie in a room."""
+        return any(b.product.ifc_class in STAIRS and hull.intersects(room.area) for b, hull in self.bodies)
+
+    def lacks(self, room: RoomVolume, z: float, bare: Area) -> bool:
+        """Whether a room may have a floor or ceiling at `z` that the model lacks, over a `bare` area: no stair leads
+        through it, and no roof that is too steep for a level is there instead."""
+        for body, hull in self.bodies:
+            kind, head = body.product.ifc_class, room.bottom + CLEARANCE
+            stair = kind in STAIRS and body.bottom < z - 2 * OFF and body.top > z - OFF
+            roof = kind in ROOFS and body.bottom < z + OFF and min(z, body.top) > head
+            if (stair or roof) and overlap(bare, hull).area > (LEAST if stair else bare.area / 2):
+                return False
+        return True
+
+
+def planned_levels(model: ifcopenshell.file, rooms: Sequence[RoomVolume]) -> PlannedLevels:
+    """Reads the level faces of an IFC model; of its spaces, those of `rooms`."""
+    bodies = [solid_of(p) for p in products(model, LEVELS)]
+    hulls = [shapely.MultiPoint(b.product.vertices[:, :2]).convex_hull for b in bodies]
+    ids = {r.room.id for r in rooms}
+    spaces = {p.global_id: _faces(solid_of(p)) for p in products(model, ("IfcSpace",)) if p.global_id in ids}
+    faces = [face for body in bodies for face in _faces(body)]
+    return PlannedLevels(faces, tuple(zip(bodies, hulls, strict=True)), spaces)
+
+
+def _faces(body: Solid) -> list[LevelFace]:
+    name, kind = body.product.global_id, body.product.ifc_class
+    return [face for triangles, _ in body.pieces for face in level_faces(triangles, name, kind)]
+
+
+def level_surfaces(
+    planned: PlannedLevels, rooms: Sequence[RoomVolume], floors: Sequence[Floor], walls_at: WallsAt
+) -> tuple[LevelSurface, ...]:
+    """The level surfaces of a building by height, without what is hidden; `walls_at` gives its walls in an area at a
+    height.
+
+    A space serves as floor or ceiling where its room has hardly any.
+    """
+    shown = sorted(visible(planned.faces), key=lambda f: f.middle)
+    found = _Rooms(rooms, planned, shown)
+    rest = [found.claim(face) for face in shown]
+    rest = [face if face.is_floor else found.claim_above(face) for face in rest]
+    for room in rooms:
+        found.fill(room)
+    surfaces = [s for face, room in found.claims for s in _surfaces(face, room.room.floor, room.room.id)]
+    for face in rest:
+        if face.area.area > LEAST_BESIDE:
+            beside = replace(face, area=_beside(face, shown, rooms, floors, walls_at))
+            surfaces += _surfaces(beside, _storey(face, floors), None, LEAST_BESIDE)
+    return _numbered(surfaces)
+
+
+class _Rooms:
+    """The rooms from the highest down, and `claims`: which parts of faces are seen from which room."""
+
+    def __init__(self, rooms: Sequence[RoomVolume], planned: PlannedLevels, shown: Sequence[LevelFace]) -> None:
+        self._planned, self._shown = planned, shown
+        self._rooms = sorted(rooms, key=lambda r: -r.bottom)
+        self._tree = shapely.STRtree([r.area for r in self._rooms])
+        self._taken: dict[tuple[str, bool], list[Area]] = defaultdict(list)
+        self.claims: list[tuple[LevelFace, RoomVolume]] = []
+
+    def _near(self, area: Area) -> list[RoomVolume]:
+        return [self._rooms[k] for k in sorted(self._tree.query(area, predicate="intersects").tolist())]
+
+    def _take(self, face: LevelFace, room: RoomVolume, part: Area) -> LevelFace:
+        """The face without a part that is seen from a room."""
+        if part.area == 0:
+            return face
+        self.claims.append((replace(face, area=part), room))
+        self._taken[room.room.id, face.is_floor].append(part)
+        return replace(face, area=polygons_of(difference(face.area, part)))
+
+    def claim(self, face: LevelFace) -> LevelFace:
+        """Gives a face to the rooms in whose spaces it lies, and returns the rest of it.
+
+        A landing may lie above the space of its stairwell. What lies that high without anything above it is a roof.
+        """
+        for room in self._near(face.area):
+            inside = overlap(face.area, room.area)
+            if not face.is_floor:
+                part = within(inside, face.plane, room.bottom + CLEARANCE, room.top + OFF)
+            else:
+                is_landing = inside.area > LANDING * face.area.area and self._planned.passed(room)
+                high = np.inf if is_landing else room.top - HEAD
+                part = within(inside, face.plane, room.bottom - OFF, high)
+                if part.area > 0 and face.middle > room.bottom + CLEARANCE:
+                    part = polygons_of(overlap(part, _facing(face, self._shown)))
+            face = self._take(face, room, part)
+        return face
+
+    def claim_above(self, ceiling: LevelFace) -> LevelFace:
+        """Gives a ceiling to the rooms under it that have none yet: their spaces end short of it."""
+        for room in self._near(ceiling.area):
+            bare = self._bare(room, is_floor=False)
+            over = within(overlap(ceiling.area, bare), ceiling.plane, room.bottom + CLEARANCE, np.inf)
+            ceiling = self._take(ceiling, room, over)
+        return ceiling
+
+    def _bare(self, room: RoomVolume, is_floor: bool) -> Area:
+        """The part of a room that has no floor or ceiling yet."""
+        return polygons_of(difference(room.area, united(self._taken[room.room.id, is_floor])))
+
+    def fill(self, room: RoomVolume) -> None:
+        """Takes the faces of a room's space as its floor and ceiling, if it has hardly any."""
+        for face in self._planned.spaces.get(room.room.id, ()):
+            bare = self._bare(room, is_floor=not face.is_floor)
+            if bare.area > room.area.area / 2 and self._planned.lacks(room, face.middle, bare):
+                self._take(replace(face, is_floor=not face.is_floor), room, polygons_of(overlap(face.area, bare)))
+
+
+def _beside(
+    face: LevelFace,
+    shown: Sequence[LevelFace],
+    rooms: Sequence[RoomVolume],
+    floors: Sequence[Floor],
+    walls_at: WallsAt,
+) -> Area:
+    """The part of a face beside all rooms and walls that is a storey's floor, or between floor and ceiling."""
+    z, side = face.middle, 1.0 if face.is_floor else -1.0
+    near = (r for r in rooms if r.bottom - CLEARANCE < z < r.top + CLEARANCE and r.area.intersects(face.area))
+    free = polygons_of(difference(face.area, united(r.area for r in near)))
+    if free.area < LEAST_BESIDE:
+        return free
+    free = polygons_of(difference(free, walls_at(free, z + side * HEAD / 2)))
+    if face.is_floor and any(f.elevation is not None and abs(f.elevation - z) < OFF for f in floors):
+        return free
+    return polygons_of(overlap(free, _facing(face, shown)))
+
+
+def _facing(face: LevelFace, others: Sequence[LevelFace]) -> Area:
+    """Where a ceiling is above a floor, or a floor below a ceiling."""
+    side = 1.0 if face.is_floor else -1.0
+    facing = (f for f in others if f.is_floor != face.is_floor and side * (f.middle - face.middle) > CLEARANCE)
+    return united(f.area for f in facing if f.area.intersects(face.area))
+
+
+def _storey(face: LevelFace, floors: Sequence[Floor]) -> str | None:
+    z = face.middle + OFF if face.is_floor else face.middle - CLEARANCE
+    below = [f for f in floors if f.elevation is not None and f.elevation <= z]
+    return below[-1].id if below else None
+
+
+def _surfaces(face: LevelFace, floor: str | None, room: str | None, least: float = LEAST) -> Iterator[LevelSurface]:
+    """One for each polygon of a face that is as large as a level, with empty ids."""
+    for part in shapely.get_parts(face.area):
+        if part.area < least or opened(part, HALF).is_empty:
+            continue
+        outer, *holes = (_ring(ring) for ring in _rings(orient(shapely.simplify(part, TIDY))))
+        plane, stated = normal_form(face.plane, face.is_floor), face.kind != "IfcSpace"
+        yield LevelSurface("", plane, outer, tuple(holes), room, floor, face.source, face.kind, stated)
+
+
+def _rings(polygon: Area) -> list[Area]:
+    return [polygon.exterior, *polygon.interiors]
+
+
+def _ring(ring: Area) -> tuple[tuple[float, float], ...]:
+    return tuple((float(x), float(y)) for x, y in ring.coords[:-1])
+
+
+def normal_form(plane: Plane, is_floor: bool) -> tuple[float, float, float, float]:
+    """The plane of a level surface as in `LevelSurface`."""
+    a, b, c = plane
+    n = np.array([-b, -c, 1.0, -a]) / np.sqrt(1 + b * b + c * c) * (1.0 if is_floor else -1.0)
+    nx, ny, nz, d = (n + 0.0).tolist()
+    return nx, ny, nz, d
+
+
+def _numbered(surfaces: list[LevelSurface]) -> tuple[LevelSurface, ...]:
+    """Ids from those of their sources, the same each time the same file is read."""
+    count: Counter[str] = Counter()
+    result = []
+    for surface in surfaces:
+        count[surface.source] += 1
+        result.append(replace(surface, id=f"{surface.source or 'mesh'}/level-{count[surface.source]}"))
+    return tuple(result)
