@@ -36,7 +36,11 @@ class Choice(DriveOptions):
 
 def cases(options: Choice) -> list[DriveCase]:
     """Every cell of the design, in its drives."""
-    wrong = [{}, *({"effects": own} for own in options.effects), *({"trouble": own} for own in options.plans)]
+    wrong: list[dict[str, Any]] = [
+        {},
+        *({"effects": own} for own in options.effects),
+        *({"trouble": own} for own in options.plans),
+    ]
     cells: list[dict[str, Any]] = [
         {"carrier": carrier, "sensor": sensor, **own}
         for own, carrier, sensor in product(wrong, options.carriers, options.sensors)

@@ -273,5 +273,5 @@ class FloorAnchoring(Stateful):
     def _heights(self, floor: FloorMap, alignment: WallAlignment) -> LevelAlignment | None:
         """The level surfaces of the floor in the plan; None where they, or the plan, do not show its height."""
         levels, planned = floor.levels.levels(floor.walls.T_level_map), self._plan.levels(self.commitment.floor)
-        T_bim_level = se2_to_se3(*self._plan.T_a_s(alignment.place).tolist(), 0.0)
+        T_bim_level = se2_to_se3(*self._plan.T_a_s(alignment.place).tolist())
         return align_levels(levels, planned, T_bim_level, float(self._plan.origin[2]), self._config.anchors)

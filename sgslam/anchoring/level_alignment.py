@@ -20,7 +20,9 @@ Floats = NDArray[np.float64]
 _SURE, _NORMAL = 0.95, 1.96  # probability of a height that is not doubted; sigmas of a normal distribution that hold it
 _STEP = 0.005  # m between the heights that are tried
 _MAPPED = 0.01  # m, standard deviation of a height within the map of a floor
-_HIDING = 5.0  # m2, of a surface that is as likely to be furniture or a duct as the floor or ceiling; larger ones are rare
+_HIDING = (
+    5.0  # m2, of a surface that is as likely to be furniture or a duct as the floor or ceiling; larger ones are rare
+)
 _LOWERED = 0.2  # share of ceilings that hang below the planned ones, however large
 _BEYOND = 0.1  # times as likely as one that hides a planned surface is one behind it
 _REACH = 2.0  # m from a planned surface, within which others may hide it

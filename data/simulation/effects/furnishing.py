@@ -19,7 +19,8 @@ from data.simulation.occupancy import Grid
 from data.simulation.storey_model import StoreyModel
 
 Array = NDArray[np.float64]
-IN_SCENE = frozenset({"glass", "people", "doors", "shelves", "returns", "steps", "ceilings"})  # effects on what rays hit
+# effects on what rays hit
+IN_SCENE = frozenset({"glass", "people", "doors", "shelves", "returns", "steps", "ceilings"})
 
 
 @dataclass(frozen=True, eq=False)

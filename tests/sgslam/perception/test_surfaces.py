@@ -19,6 +19,7 @@ from sgslam.perception import (
 from sgslam.perception.column_scan import contour
 from sgslam.perception.gravity import refined_up
 from sgslam.perception.keyframe_scan import KeyframeScan
+from sgslam.perception.level_extraction import CELL
 from sgslam.surfels import SurfelMap
 
 ROOM = (-3.0, -2.0, 4.0, 2.5)  # lowest x y, highest x y
@@ -149,9 +150,9 @@ def test_floor_and_ceiling_are_found_by_a_sensor_at_any_tilt(tilt: tuple[float, 
     for is_floor, height in ((True, 0.0), (False, 2.7)):
         assert heights(found, way[-1], is_floor) == pytest.approx([height], abs=0.01)
     for own in found:
-        assert own.area > 10 and own.sigma_offset < 0.01
+        assert CELL**2 * len(own.places) > 10 and own.sigma_offset < 0.01
         assert own.plane[3] > 0, "the normal points to the side that was seen"
-        assert abs(own.plane[:3] @ own.centre + own.plane[3]) < 0.02, "the centre is on the surface"
+        assert np.abs(own.places @ own.plane[:3] + own.plane[3]).max() < 0.05, "it was seen on the surface"
 
 
 @pytest.mark.parametrize(
@@ -165,7 +166,7 @@ def test_large_things_are_surfaces_of_their_own(things: list[Box], expected: lis
     way = walk(1.4)
     found = levels_in([*LARGE, *things], way)
     assert heights(found, way[-1]) == pytest.approx(expected, abs=0.02)
-    areas = [own.area for own in found if own.is_floor]
+    areas = [len(own.places) for own in found if own.is_floor]
     assert areas[0] == max(areas), "the floor is the largest"
 
 
