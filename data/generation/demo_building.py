@@ -45,6 +45,11 @@ def write_demo_building(path: Path | str) -> None:
         raise UserError(f"{path}: not the name of an IFC file; give one that ends in .ifc")
     if not path.parent.is_dir():
         raise UserError(f"{path}: no such folder; create it first")
+    drawn_demo_building().save(path)
+
+
+def drawn_demo_building() -> IfcWriter:
+    """The demo's building, to be saved."""
     writer = IfcWriter("Demo building", {s.name: s.elevation for s in (GROUND, UPPER)})
     _slabs(writer)
     _stair(writer)
@@ -57,7 +62,7 @@ def write_demo_building(path: Path | str) -> None:
         for piece in storey.furniture:
             T_storey_piece = placed(piece.x, piece.y, yaw=radians(piece.yaw))
             writer.element("IfcFurniture", piece.kind, storey.name, _furniture(piece), T_storey_piece)
-    writer.save(path)
+    return writer
 
 
 def _outline(area: shapely.Polygon) -> tuple[tuple[float, float], ...]:

@@ -68,8 +68,12 @@ def planned_levels(model: ifcopenshell.file, rooms: Sequence[RoomVolume]) -> Pla
 
 
 def _faces(body: Solid) -> list[LevelFace]:
-    name, kind = body.product.global_id, body.product.ifc_class
-    return [face for triangles, _ in body.pieces for face in level_faces(triangles, name, kind)]
+    """The level faces of all pieces of a body, those in one plane together."""
+    name, kind, joined = body.product.global_id, body.product.ifc_class, dict[tuple[bool, Plane], list[LevelFace]]()
+    for face in (f for triangles, _ in body.pieces for f in level_faces(triangles, name, kind)):
+        a, b, c = np.round(face.plane, 4).tolist()
+        joined.setdefault((face.is_floor, (a, b, c)), []).append(face)
+    return [replace(own[0], area=united(f.area for f in own)) for own in joined.values()]
 
 
 def level_surfaces(
@@ -102,6 +106,7 @@ class _Rooms:
         self._rooms = sorted(rooms, key=lambda r: -r.bottom)
         self._tree = shapely.STRtree([r.area for r in self._rooms])
         self._taken: dict[tuple[str, bool], list[Area]] = defaultdict(list)
+        self._galleries: dict[str, list[Area]] = defaultdict(list)  # under which a room goes on
         self.claims: list[tuple[LevelFace, RoomVolume]] = []
 
     def _near(self, area: Area) -> list[RoomVolume]:
@@ -130,14 +135,15 @@ class _Rooms:
                 part = within(inside, face.plane, room.bottom - OFF, high)
                 if part.area > 0 and face.middle > room.bottom + CLEARANCE:
                     part = polygons_of(overlap(part, _facing(face, self._shown)))
+                    self._galleries[room.room.id].append(part)
             face = self._take(face, room, part)
         return face
 
     def claim_above(self, ceiling: LevelFace) -> LevelFace:
-        """Gives a ceiling to the rooms under it that have none yet: their spaces end short of it."""
+        """Gives a ceiling to the rooms under it that have none yet, or only a gallery: their spaces end short of it."""
         for room in self._near(ceiling.area):
-            bare = self._bare(room, is_floor=False)
-            over = within(overlap(ceiling.area, bare), ceiling.plane, room.bottom + CLEARANCE, np.inf)
+            open_above = united([self._bare(room, is_floor=False), *self._galleries[room.room.id]])
+            over = within(overlap(ceiling.area, open_above), ceiling.plane, room.bottom + CLEARANCE, np.inf)
             ceiling = self._take(ceiling, room, over)
         return ceiling
 

@@ -29,11 +29,12 @@ STAMP = "2025-01-01T00:00:00"  # in every file's header: the same building gives
 
 @dataclass(frozen=True)
 class Prism:
-    """The volume above `outline` (corners x y, not closed) from z `low` to `high`, in metres."""
+    """The volume above `outline` (corners x y, not closed) from z `low` to `high`, in metres, without its `holes`."""
 
     outline: tuple[tuple[float, float], ...]
     low: float
     high: float
+    holes: tuple[tuple[tuple[float, float], ...], ...] = ()
 
 
 def box(x0: float, y0: float, z0: float, x1: float, y1: float, z1: float) -> Prism:
@@ -151,12 +152,20 @@ class IfcWriter:
     def _place(self, product: Entity, T_bim_product: Matrix) -> None:
         ifcopenshell.api.geometry.edit_object_placement(self.model, product=product, matrix=T_bim_product)
 
+    def _profile(self, prism: Prism) -> Entity:
+        """Its curve, or with holes its area."""
+        outer, *inner = (
+            self._builder.polyline([tuple(self._unit * v for v in xy) for xy in ring], closed=True)
+            for ring in (prism.outline, *prism.holes)
+        )
+        return self._builder.profile(outer, inner_curves=inner) if inner else outer
+
     def _shape(
         self, product: Entity, storey: str, body: Sequence[Prism], T_storey_product: Matrix | None = None
     ) -> None:
         solids = [
             self._builder.extrude(
-                self._builder.polyline([tuple(self._unit * v for v in xy) for xy in p.outline], closed=True),
+                self._profile(p),
                 magnitude=self._unit * (p.high - p.low),
                 position=(0.0, 0.0, self._unit * p.low),
             )

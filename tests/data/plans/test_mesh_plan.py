@@ -69,6 +69,9 @@ def test_a_generated_building_is_read_as_it_was_drawn(tmp_path: Path) -> None:
     inner = [door for door in drawn.doors if len(door.rooms) == 2]
     assert len(read.doors) == pytest.approx(len(inner), abs=1)
     assert all(wall.height == pytest.approx((0.0, HEIGHT)) for wall in read.wall_surfaces if wall.room)
+    levels = [(v.room, v.is_floor, v.height(*v.polygon[0])) for v in read.level_surfaces]
+    assert len(levels) == 2 * len(read.rooms) and {room for room, _, _ in levels} == set(read.room_by_id)
+    assert all(z == pytest.approx(0.0 if is_floor else HEIGHT, abs=1e-6) for _, is_floor, z in levels)
     with pytest.raises(UserError, match="without rooms"):
         plan_triangles(SceneGraph("bim", (Room("r", (0.0, 0.0)),), ()))
 

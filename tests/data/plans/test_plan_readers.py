@@ -155,6 +155,18 @@ def test_storeys_heights_and_names_of_geojson(tmp_path: Path) -> None:
     upper = graph.on_floor(graph.floors[1].id)
     assert {r.name for r in upper.rooms} == {"upper0", "upper1"}
     assert {w.height for w in upper.wall_surfaces} == {(3.0, 6.0)}
+    assert {(v.height(0, 0), v.is_floor, v.floor) for v in upper.level_surfaces} == {
+        (3.0, True, "storey-2"), (6.0, False, "storey-2")
+    }  # fmt: skip
+    assert len(graph.level_surfaces) == 8 and all(graph.levels_of_room[r.id] for r in graph.rooms)
+
+
+@pytest.mark.parametrize(("heights", "levels"), [((3.0, 3.005), 4), ((3.0, 3.02), 0), ((None, None), 2)])
+def test_levels_of_geojson_are_those_it_gives(heights: tuple[float | None, ...], levels: int, tmp_path: Path) -> None:
+    rooms = [feature(r, type="room", elevation=1.0, height=h) for r, h in zip(ROOMS, heights, strict=True)]
+    assert len(load_bim(geojson(tmp_path / "a.geojson", rooms)).graph.level_surfaces) == levels
+    without = [feature(r, type="room", height=h) for r, h in zip(ROOMS, heights, strict=True)]
+    assert load_bim(geojson(tmp_path / "b.geojson", without)).graph.level_surfaces == ()
 
 
 def test_geojson_in_degrees(tmp_path: Path) -> None:

@@ -1,0 +1,172 @@
+"""Buildings whose floors and ceilings lie at several heights, as IFC files: suspended ceilings over all or half of a
+room, platforms, raised floors, ramps, galleries.
+
+The same plan and seed give the same building. A plan that is not as built is the same building written with other
+`Levels`: with a kind missing, or with the ceilings at another height.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import shapely
+
+from data.generation.demo_building import drawn_demo_building
+from data.generation.demo_plan import CLEAR_HEIGHT, GROUND, STAIRWELL, UPPER, Opening, PlanWall, tidied
+from data.generation.plan_mesh import DOORWAY, LINTEL, SLAB, drawn_storey
+from data.geometry.areas import Area, largest, overlap, polygons_of
+from data.ifc.writer import IfcWriter, Prism, placed
+from data.scene_graph import SceneGraph
+
+Rng = np.random.Generator
+Kind = Literal["ceiling", "platform", "raised floor", "ramp", "gallery"]
+STOREY = "Ground floor"
+HEIGHTS = (2.9, 3.4)  # m, clear, of rooms without galleries
+HIGH = (5.2, 6.0)  # m: with galleries
+HUNG, PANEL = (0.25, 0.55), 0.02  # m: by which ceilings are suspended, and their thickness
+RISES: Mapping[Kind, float] = {"platform": 0.2, "raised floor": 0.3, "ramp": 0.3}  # m
+# of a room's length
+DEPTHS: Mapping[Kind, float] = {"platform": 0.4, "raised floor": 0.65, "ramp": 0.5, "gallery": 0.4}
+GALLERY = 2.8  # m above the floor
+CLEAR = 1.1  # m between a door and what rises from the floor
+SMALLEST = 8.0  # m2: of a room whose floor is not level
+LEAF = 0.04  # m
+SLIVER = 1e-3  # m2
+
+
+@dataclass(frozen=True)
+class Levels:
+    """Suspended ceilings in a share of `ceilings` of the rooms; `high` rooms have galleries instead where they are
+    large. Features of kinds that are `missing` are not written, and ceilings `ceilings_off` (m) higher than they hang.
+    """
+
+    ceilings: float = 0.5
+    high: bool = False
+    missing: frozenset[Kind] = frozenset()
+    ceilings_off: float = 0.0
+
+
+PLAIN = Levels()
+
+
+@dataclass(frozen=True, eq=False)
+class Feature:
+    """A level of a room other than its slabs, over `area` from z `low` to `high`; a ramp rises along `upward` (2,)."""
+
+    kind: Kind
+    area: Area
+    low: float
+    high: float
+    upward: tuple[float, float] = (0.0, 0.0)
+
+
+def write_level_building(plan: SceneGraph, path: Path | str, seed: int, levels: Levels = PLAIN) -> None:
+    """Writes the first storey of a plan as an IFC file, with features in its rooms. Raises UserError for a plan without
+    rooms."""
+    rng = np.random.default_rng([seed, 65])
+    storey, height = drawn_storey(plan), float(rng.uniform(*(HIGH if levels.high else HEIGHTS)))
+    writer = IfcWriter(f"Levels {seed}", {STOREY: 0.0})
+    for part in shapely.get_parts(storey.walls):
+        pierced = part.difference(storey.doorways)
+        writer.element("IfcWall", "Wall", STOREY, [*prisms(pierced, 0.0, LINTEL), *prisms(part, LINTEL, height)])
+    for kind, low in (("BASESLAB", -SLAB), ("ROOF", height)):
+        writer.element("IfcSlab", "Slab", STOREY, prisms(storey.outline, low, low + SLAB), kind=kind)
+    for line in storey.doors:
+        (x, y), (u, v) = np.asarray(line.centroid.coords)[0], np.diff(np.asarray(line.coords), axis=0)[0]
+        half = DOORWAY / 2
+        leaf = Prism(((-half, -LEAF), (half, -LEAF), (half, LEAF), (-half, LEAF)), 0.0, LINTEL)
+        writer.element("IfcDoor", "Door", STOREY, [leaf], placed(x, y, yaw=float(np.arctan2(v, u)) - np.pi / 2))
+    for number, area in enumerate(storey.rooms.values(), 1):
+        writer.space(f"{number}", STOREY, prisms(area, 0.0, height)[0])
+    middles = [line.centroid for line in storey.doors]
+    _add(writer, STOREY, features(list(storey.rooms.values()), middles, height, rng, levels.ceilings), levels)
+    writer.save(path)
+
+
+def write_level_demo(path: Path | str, seed: int, levels: Levels = PLAIN) -> None:
+    """Writes the demo's two storeys, which a stair joins, with features in all rooms but the stair's."""
+    rng, writer = np.random.default_rng([seed, 66]), drawn_demo_building()
+    for storey in (GROUND, UPPER):
+        rooms = [room for room in storey.room_areas().values() if not room.intersects(shapely.box(*STAIRWELL))]
+        doors = [shapely.Point(_middle(wall, door)) for wall in storey.walls for door in wall.doors]
+        _add(writer, storey.name, features(rooms, doors, CLEAR_HEIGHT, rng, levels.ceilings), levels)
+    writer.save(path)
+
+
+def _middle(wall: PlanWall, door: Opening) -> tuple[float, float]:
+    """(x, y) of a door's middle."""
+    x, y = wall.start
+    return (door.middle, y) if y == wall.end[1] else (x, door.middle)
+
+
+def features(
+    rooms: Sequence[Area], doors: Sequence[shapely.Point], height: float, rng: Rng, ceilings: float
+) -> list[Feature]:
+    """Features of rooms of a clear `height` (m) on one storey: suspended ceilings in a share of `ceilings` of them, at
+    one of two heights, one in three over half of its room; in half of the larger rooms something rises from the floor,
+    where the doors leave space for it."""
+    found, usual = [], rng.uniform(*HUNG, 2)
+    for room in rooms:
+        hung, has_ceiling, is_half = float(rng.choice(usual)), rng.random() < ceilings, rng.random() < 1 / 3
+        kind: Kind = ("platform", "raised floor", "ramp")[int(rng.integers(3))]
+        rises = rng.random() < 0.5 and room.area > SMALLEST
+        part, upward = _end_of(room, DEPTHS[kind], doors)
+        if height > HIGH[0] and room.area > SMALLEST:
+            found.append(Feature("gallery", _end_of(room, DEPTHS["gallery"], doors)[0], GALLERY, GALLERY + SLAB))
+        elif has_ceiling:
+            ceiling = _end_of(room, 0.5, doors)[0] if is_half else room
+            found.append(Feature("ceiling", ceiling, height - hung, height - hung + PANEL))
+        if rises and all(part.distance(door) > CLEAR for door in doors):
+            found.append(Feature(kind, part, 0.0, RISES[kind], upward))
+    return found
+
+
+def _end_of(room: Area, share: float, doors: Sequence[shapely.Point]) -> tuple[Area, tuple[float, float]]:
+    """The end of a room, a share of its length, that is farther from the doors, and the direction (2,) to it."""
+    corners = np.asarray(shapely.oriented_envelope(room).exterior.coords)[:4]
+    sides = [corners[1] - corners[0], corners[3] - corners[0]]
+    long, wide = sorted(sides, key=lambda side: -float(np.hypot(*side)))
+    ends = []
+    for base, direction in ((corners[0], long), (corners[0] + long, -long)):
+        strip = shapely.Polygon([base, base + wide, base + wide + share * direction, base + share * direction])
+        part, way = largest(polygons_of(overlap(room, strip))), -direction / np.hypot(*direction)
+        ends.append((part, (float(way[0]), float(way[1]))))
+    return max(ends, key=lambda end: min((end[0].distance(door) for door in doors), default=0.0))
+
+
+def _add(writer: IfcWriter, storey: str, found: Sequence[Feature], levels: Levels) -> None:
+    """Writes features of a storey."""
+    for feature in found:
+        if feature.kind in levels.missing:
+            continue
+        if feature.kind == "ramp":
+            body, T = _wedge(feature)
+            writer.element("IfcRamp", feature.kind, storey, [body], T)
+            continue
+        off = levels.ceilings_off if feature.kind == "ceiling" else 0.0
+        body_parts = prisms(feature.area, feature.low + off, feature.high + off)
+        ifc_class, kind = ("IfcCovering", "CEILING") if feature.kind == "ceiling" else ("IfcSlab", "FLOOR")
+        writer.element(ifc_class, feature.kind, storey, body_parts, kind=kind)
+
+
+def _wedge(ramp: Feature) -> tuple[Prism, np.ndarray]:
+    """A wedge over a ramp's rectangle: a triangle that is extruded across it, and its place in the storey."""
+    along = np.array(ramp.upward)
+    across = np.array([-along[1], along[0]])
+    corners = np.asarray(ramp.area.exterior.coords)
+    begin, right = np.min(corners @ np.stack([along, across], axis=1), axis=0).tolist()
+    end, left = np.max(corners @ np.stack([along, across], axis=1), axis=0).tolist()
+    T = np.eye(4)  # x along the ramp, y up, z to the right
+    T[:2, 0], T[:3, 1], T[:2, 2] = along, (0.0, 0.0, 1.0), -across
+    T[2, 2] = 0.0
+    T[:2, 3] = begin * along + left * across
+    return Prism(((0.0, 0.0), (end - begin, 0.0), (end - begin, ramp.high)), 0.0, left - right), T
+
+
+def prisms(area: Area, low: float, high: float) -> list[Prism]:
+    """The bodies over an area."""
+    parts = [tidied(part) for part in shapely.get_parts(area) if part.area > SLIVER]
+    rings = ([tuple((x, y) for x, y in ring.coords[:-1]) for ring in (p.exterior, *p.interiors)] for p in parts)
+    return [Prism(outer, low, high, tuple(holes)) for outer, *holes in rings]
