@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import yaml
@@ -13,17 +13,20 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
 from data.common.errors import UserError
+from data.generation.level_building import Kind
 from data.plans import load_bim
 from data.plans.mesh_files import is_mesh
 from data.scene_graph import SceneGraph
 
 GENERATED = "generated/"
+LEVELS = "levels/"
 FIRST_TEST_SEED = 902_000
 """Generated buildings below were used for training, or to choose settings."""
 
 
 class Building(BaseModel):
-    """A building: an IFC file, a mesh, `demo` or `generated/KIND_SEED`; the `storey` that is driven through, None for
+    """A building: an IFC file, a mesh, `demo`, `generated/KIND_SEED`, or `levels/KIND_SEED` with floors and ceilings at
+    several heights (the demo likewise; one in three has galleries); the `storey` that is driven through, None for
     the lowest. Settings were chosen by those for `development`."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -35,7 +38,7 @@ class Building(BaseModel):
 
     def files(self) -> set[str]:
         """The path of its file; none for those that are made."""
-        if self.bim == "demo" or self.bim.startswith(GENERATED):
+        if self.bim == "demo" or self.bim.startswith((GENERATED, LEVELS)):
             return set()
         return {self.bim}
 
@@ -53,7 +56,7 @@ def _listed() -> dict[str, Building]:
 
 def building_named(name: str) -> Building:
     """A listed building, or one that is made of its name. Raises UserError for an unknown one."""
-    if name.startswith(GENERATED):
+    if name.startswith((GENERATED, LEVELS)):
         seed = name.rpartition("_")[2]
         is_test = seed.isdecimal() and int(seed) >= FIRST_TEST_SEED
         return Building(name=name, bim=name, role="test" if is_test else "development")
@@ -77,6 +80,8 @@ def building_file(name: str, work: Path) -> tuple[Path, str]:
             if not path.exists():
                 write_demo_building(path)
         return path, building.storey or DEMO_STOREY
+    if building.bim.startswith(LEVELS):
+        return _level_building(building.bim.removeprefix(LEVELS), work, as_planned=False), building.storey or ""
     if not building.bim.startswith(GENERATED):
         return Path(building.bim), building.storey or ""
     from data.generation.plan_mesh import write_plan_mesh
@@ -86,6 +91,28 @@ def building_file(name: str, work: Path) -> tuple[Path, str]:
         if not path.exists():
             write_plan_mesh(_generated(building.bim.removeprefix(GENERATED)), path)
     return path, ""
+
+
+def flat_plan_of(name: str, work: Path) -> Path:
+    """The file of a `levels/KIND_SEED` without suspended ceilings and raised floors. Raises UserError for others."""
+    if not name.startswith(LEVELS):
+        raise UserError(f"building '{name}': only those named {LEVELS}KIND_SEED are made without their levels")
+    return _level_building(name.removeprefix(LEVELS), work, as_planned=True)
+
+
+def _level_building(name: str, work: Path, as_planned: bool) -> Path:
+    from data.generation.level_building import Levels, write_level_building, write_level_demo
+
+    kind, _, number = name.rpartition("_")
+    path, seed = work / f"levels_{name}{'_flat' * as_planned}.ifc", int(number)
+    missing: frozenset[Kind] = frozenset(get_args(Kind)) if as_planned else frozenset()
+    levels = Levels(high=seed % 3 == 0, missing=missing)
+    with locked(path):
+        if not path.exists() and kind == "demo":
+            write_level_demo(path, seed, levels)
+        elif not path.exists():
+            write_level_building(_generated(name), path, seed, levels)
+    return path
 
 
 def _generated(name: str) -> SceneGraph:

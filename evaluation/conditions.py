@@ -22,9 +22,9 @@ BUILDING: dict[str, Changes] = {
     "10 to 30 cm": Changes(moved=0.33),
     "absent": Changes(absent=0.1, unplanned=0.1),
 }
-# Of the plan that is given: of another building, of two equal ones side by side, with another storey stated, with all
-# ceilings a few centimetres too low.
-PLANS = ("foreign plan", "doubled plan", "wrong storey", "low ceilings")
+# Of the plan that is given: of another building, of two equal ones side by side, with another storey stated; with all
+# ceilings a few centimetres too low, with each floor and ceiling off by chance, without what hangs or is raised.
+PLANS = ("foreign plan", "doubled plan", "wrong storey", "low ceilings", "levels off", "flat plan")
 # Of the sensor, with the amounts of four severities; "mirrored" and "feet" have none.
 SENSOR: dict[str, tuple[float, ...]] = {
     "dropout": (0.3, 0.6, 0.8, 0.95),  # of the returns are lost, at random
@@ -52,6 +52,7 @@ COVER_M = 0.15, 0.25  # from the sensor: a hand or a cap
 FEET = 1 / 0.3048
 BESIDE_M = 5.0  # between two equal buildings
 LOW_M = 0.03  # of the planned ceilings
+OFF_M = 0.01, 0.03  # standard deviations of planned floors and ceilings, each those of a storey together
 BEAM_RAD = float(np.radians(2.0))  # one beam of 16
 BLOCKS, BLOCK_S, BLOCK_M = 12, 2.0, (0.4, 0.8)  # directions that are blocked together, for how long, how near
 PERSON_RADIUS_M, PERSON_RANGE_M = 0.25, (0.8, 4.0)
@@ -278,14 +279,20 @@ def doubled(plan: SceneGraph) -> SceneGraph:
     )
 
 
-def with_low_ceilings(plan: SceneGraph) -> SceneGraph:
-    """The plan with all ceilings a little too low."""
+def with_levels_raised(plan: SceneGraph, floors: float, ceilings: float) -> SceneGraph:
+    """The plan with all floors and all ceilings so much (m) higher."""
 
-    def lowered(surface: LevelSurface) -> LevelSurface:
+    def raised(surface: LevelSurface) -> LevelSurface:
         nx, ny, nz, d = surface.plane
-        return surface if surface.is_floor else replace(surface, plane=(nx, ny, nz, d + nz * LOW_M))
+        return replace(surface, plane=(nx, ny, nz, d - nz * (floors if surface.is_floor else ceilings)))
 
-    return replace(plan, level_surfaces=tuple(map(lowered, plan.level_surfaces)))
+    return replace(plan, level_surfaces=tuple(map(raised, plan.level_surfaces)))
+
+
+def with_levels_off(plan: SceneGraph, seed: int) -> SceneGraph:
+    """The plan with its floors off by chance, and its ceilings."""
+    floors, ceilings = np.random.default_rng([seed, 57]).normal(0.0, OFF_M).tolist()
+    return with_levels_raised(plan, floors, ceilings)
 
 
 def _azimuth(points: Array) -> Array:

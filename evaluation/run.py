@@ -1,6 +1,7 @@
 """Runs a case: the system, its tracker alone, or a peer, on the scans of a drive."""
 
 import re
+import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from hashlib import blake2b
@@ -19,8 +20,8 @@ from data.plans.bim import IFC_SUFFIXES
 from data.scans import Scan
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
-from evaluation.buildings import building_file, building_named, generated, plan_graph, storey_of
-from evaluation.conditions import NO_PLACE, Troubled, doubled, with_low_ceilings
+from evaluation.buildings import building_file, building_named, flat_plan_of, generated, plan_graph, storey_of
+from evaluation.conditions import LOW_M, NO_PLACE, Troubled, doubled, with_levels_off, with_levels_raised
 from evaluation.drive import Drive, DriveCase, drive_of, release
 from evaluation.elements import verdicts_of
 from evaluation.metrics.maps import room_scores, wall_scores
@@ -133,8 +134,13 @@ def _plan(case: DriveCase, drive: Drive, work: Path) -> SceneGraph:
         name = next(name for name in FOREIGN if name != case.building)
         return plan_graph(building_file(name, work)[0])
     plan = plan_graph(drive.plan)
-    changed = {"doubled plan": doubled, "low ceilings": with_low_ceilings}.get(case.trouble)
-    return plan if changed is None else changed(plan)
+    if case.trouble == "flat plan":
+        return plan_graph(flat_plan_of(case.building, work))
+    if case.trouble == "low ceilings":
+        return with_levels_raised(plan, 0.0, -LOW_M)
+    if case.trouble == "levels off":
+        return with_levels_off(plan, zlib.crc32(case.key.encode()))
+    return doubled(plan) if case.trouble == "doubled plan" else plan
 
 
 def _another_storey(plan: SceneGraph, truth: Trajectory) -> str:

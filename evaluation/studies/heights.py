@@ -9,28 +9,29 @@ import numpy as np
 import pandas as pd
 from pydantic import PositiveInt
 
-from evaluation.buildings import generated
+from data.generation.demo_building import DEMO_STOREYS
 from evaluation.drive import DriveCase, DriveOptions, drive_of
 from evaluation.run import described, outcome_of, study_of_runs
 from evaluation.study import Claim, Record
 from evaluation.tables import ANCHORED, Query, count, made, mean, spread, units
 
+LEVELS = ("office_902060", "apartment_902061", "corridor_902062", "l_shape_902063", "office_902064", "skewed_902065")
 MOST_M, MOST_SIGMAS = 0.06, 3.0  # errors beyond which a drive is counted
 
 
 class Choice(DriveOptions):
-    """Each of `carriers` with each of `sensors`, in buildings as planned and with each of `effects` and of `plans`
-    (what is wrong with the plan), in `per_cell` drives drawn in turn."""
+    """Each of `carriers` with each of `sensors`, as planned and with each of `effects` and of `plans` (what is wrong
+    with the plan), in `per_cell` drives drawn in turn; with a flat plan in the buildings of `levels` alone. And tours
+    of the storeys of the demo building by each carrier, with each of the seeds `climbs`."""
 
-    buildings: tuple[str, ...] = (
-        *("demo", "institute", "office", "fzk-haus", "niedriha", "sample-house", "jesse", "house-1"),
-        *generated(50, 51),
-    )
+    buildings: tuple[str, ...] = ("institute", "office", "fzk-haus", "niedriha", "sample-house", "jesse")
+    levels: tuple[str, ...] = tuple(f"levels/{building}" for building in LEVELS)
+    climbs: tuple[int, ...] = (1, 2)
     seconds: float = 30.0
     carriers: tuple[str, ...] = ("wheeled", "handheld")
     sensors: tuple[str, ...] = ("VLP-16", "OS0-32", "Mid-360")
-    effects: tuple[tuple[str, ...], ...] = (("ceilings",), ("steps",), ("shelves", "people"))
-    plans: tuple[str, ...] = ("low ceilings",)
+    effects: tuple[tuple[str, ...], ...] = (("steps",), ("shelves", "people"))
+    plans: tuple[str, ...] = ("low ceilings", "levels off")
     per_cell: PositiveInt = 3
 
 
@@ -45,7 +46,16 @@ def cases(options: Choice) -> list[DriveCase]:
         {"carrier": carrier, "sensor": sensor, **own}
         for own, carrier, sensor in product(wrong, options.carriers, options.sensors)
     ]
-    return [DriveCase(**design) for design in options.in_turn(cells, options.per_cell)]
+    every = options.model_copy(update={"buildings": (*options.buildings, *options.levels)})
+    own = options.model_copy(update={"buildings": options.levels})
+    flat = [{"carrier": c, "sensor": s, "trouble": "flat plan"} for c, s in product(options.carriers, options.sensors)]
+    drives = [*every.in_turn(cells, options.per_cell), *own.in_turn(flat, options.per_cell)]
+    tours = [
+        DriveCase(building=f"levels/demo_{seed}", storeys=DEMO_STOREYS, seconds=None, carrier=carrier, seed=seed)
+        for seed in options.climbs
+        for carrier in options.carriers
+    ]
+    return [*(DriveCase(**design) for design in drives), *tours]
 
 
 def measure(case: DriveCase, work: Path) -> Record:
@@ -86,5 +96,5 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
     return [Claim("Mean error in height (m)", mean("mean_z_m")(anchored), units(anchored))]
 
 
-QUICK = Choice(buildings=("demo", "niedriha", *generated(50)), sensors=("VLP-16",), per_cell=1)
+QUICK = Choice(buildings=("niedriha",), climbs=(1,), sensors=("VLP-16",), per_cell=1)
 STUDY = study_of_runs("heights", "how far off heights are", QUICK, cases, tables, claims, measure=measure)

@@ -92,7 +92,8 @@ def _at_planned(
                 height = round(surface.height(*xy[within].mean(axis=0)) - origin, 3)
                 at[height] = at.get(height, 0.0) + float(within.mean())
         sigma = settings.sigma_floor if is_floor else settings.sigma_ceiling
-        own = np.array(list(at)), np.minimum(np.array(list(at.values())), 1.0)
+        share = np.array(list(at.values()))
+        own = np.array(list(at)), share / max(1.0, share.sum())  # under a gallery lies another floor
         found.append(_Seen(int(number), float(levels.height[k]), float(levels.area[k]), bool(is_floor), *own, sigma))
     return found
 
@@ -120,7 +121,7 @@ def _log_density(own: _Seen, raised: Floats) -> Floats:
     hiding = above > 0 if own.is_floor else above < 0
     hides = _hides(own)
     other = np.where(hiding, hides, _BEYOND * hides) / _REACH
-    planned = (1 - (1 + _BEYOND) * hides) * _normal(above, np.hypot(own.sigma, _MAPPED))
+    planned = (1 - hides) * _normal(above, np.hypot(own.sigma, _MAPPED))
     return np.asarray(np.log((planned + other) @ own.share + max(1 - own.share.sum(), 0.0) / (2 * _REACH) + 1e-6))
 
 
@@ -156,7 +157,7 @@ def _planned_at(own: _Seen, raised: float) -> tuple[float, float] | None:
     if not len(own.planned):
         return None
     above = own.height + raised - own.planned
-    likely = own.share * (1 - (1 + _BEYOND) * _hides(own)) * _normal(above, np.hypot(own.sigma, _MAPPED))
+    likely = own.share * (1 - _hides(own)) * _normal(above, np.hypot(own.sigma, _MAPPED))
     best = int(np.argmax(likely))
     if likely[best] < _MEANT * np.exp(_log_density(own, np.array([raised])))[0]:
         return None

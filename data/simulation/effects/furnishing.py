@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from data.geometry.raycast import TriangleScene
 from data.simulation.carriers import Motion
-from data.simulation.effects.ceilings import suspended
 from data.simulation.effects.doors import door_leaves
 from data.simulation.effects.furniture import furniture
 from data.simulation.effects.people import RATE, People, people
@@ -19,8 +18,7 @@ from data.simulation.occupancy import Grid
 from data.simulation.storey_model import StoreyModel
 
 Array = NDArray[np.float64]
-# effects on what rays hit
-IN_SCENE = frozenset({"glass", "people", "doors", "shelves", "returns", "steps", "ceilings"})
+IN_SCENE = frozenset({"glass", "people", "doors", "shelves", "returns", "steps"})  # effects on what rays hit
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +38,6 @@ def furnished(effects: frozenset[str], drive: Driven, raised: Platforms | None, 
     raised = Platforms(()) if raised is None else raised
     way = np.concatenate(drive.legs)[::5, :2]
     added = [raised.triangles]
-    if "ceilings" in effects:
-        added.append(suspended(list(drive.grids), seed))
     for k, (model, grid) in enumerate(drive.grids.items()):
         if "doors" in effects:
             leaves = door_leaves(model.doors, way, np.random.default_rng([seed, 53, k]))

@@ -19,7 +19,6 @@ EFFECTS = {
     "tolerance": "each wall is off its planned position, by 1.5 cm (standard deviation)",
     "returns": "3 cm of noise, a bias per beam, mixed pixels, loss at grazing angles, 30 m of range",
     "steps": "raised floors of 0.3 m in some rooms",
-    "ceilings": "suspended ceilings in some rooms, 0.3 m below the planned ones",
 }
 
 

@@ -15,7 +15,6 @@ from data.scans import ScanFolder
 from data.simulation import SimulatedRun, SpinningSensor
 from data.simulation.carriers import HANDHELD
 from data.simulation.effects import EFFECTS, checked, timing_of
-from data.simulation.effects.ceilings import DROP
 from data.simulation.effects.platforms import FROM_WALLS, RISE
 from data.simulation.effects.world import World
 from data.simulation.simulate import simulate
@@ -120,10 +119,3 @@ def test_names_of_effects() -> None:
     ):
         with pytest.raises(UserError, match=message):
             checked(names)
-
-
-def test_some_ceilings_hang_lower(building: SmallBuilding, tmp_path: Path) -> None:
-    plain, hung = (points(driven(building, tmp_path / f"{len(own)}", *own), building) for own in ((), ("ceilings",)))
-    top = np.concatenate(plain)[:, 2].max()
-    at_drop = [np.sum(np.abs(np.concatenate(found)[:, 2] - (top - DROP)) < 0.02) for found in (plain, hung)]
-    assert at_drop[1] > 1.5 * at_drop[0]
