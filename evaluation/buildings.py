@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
 from data.common.errors import UserError
-from data.generation.level_building import Kind
+from data.generation.level_building import STOREY, Kind
 from data.plans import load_bim
 from data.plans.mesh_files import is_mesh
 from data.scene_graph import SceneGraph
@@ -81,7 +81,7 @@ def building_file(name: str, work: Path) -> tuple[Path, str]:
                 write_demo_building(path)
         return path, building.storey or DEMO_STOREY
     if building.bim.startswith(LEVELS):
-        return _level_building(building.bim.removeprefix(LEVELS), work, as_planned=False), building.storey or ""
+        return _level_building(building.bim.removeprefix(LEVELS), work, as_planned=False), STOREY
     if not building.bim.startswith(GENERATED):
         return Path(building.bim), building.storey or ""
     from data.generation.plan_mesh import write_plan_mesh
