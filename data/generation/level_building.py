@@ -12,15 +12,17 @@ from typing import Literal
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from data.generation.demo_building import drawn_demo_building
-from data.generation.demo_plan import CLEAR_HEIGHT, GROUND, STAIRWELL, UPPER, Opening, PlanWall, tidied
+from data.generation.demo_plan import CLEAR_HEIGHT, GROUND, STAIRWELL, UPPER, tidied
 from data.generation.plan_mesh import DOORWAY, LINTEL, SLAB, drawn_storey
 from data.geometry.areas import Area, largest, overlap, polygons_of
-from data.ifc.writer import IfcWriter, Prism, placed
+from data.ifc.writer import IfcWriter, Matrix, Prism, placed
 from data.scene_graph import SceneGraph
 
 Rng = np.random.Generator
+Vec = NDArray[np.float64]  # (2,)
 Kind = Literal["ceiling", "platform", "raised floor", "ramp", "gallery"]
 STOREY = "Ground floor"
 HEIGHTS = (2.9, 3.4)  # m, clear, of rooms without galleries
@@ -51,17 +53,6 @@ class Levels:
 PLAIN = Levels()
 
 
-@dataclass(frozen=True, eq=False)
-class Feature:
-    """A level of a room other than its slabs, over `area` from z `low` to `high`; a ramp rises along `upward` (2,)."""
-
-    kind: Kind
-    area: Area
-    low: float
-    high: float
-    upward: tuple[float, float] = (0.0, 0.0)
-
-
 def write_level_building(plan: SceneGraph, path: Path | str, seed: int, levels: Levels = PLAIN) -> None:
     """Writes the first storey of a plan as an IFC file, with features in its rooms. Raises UserError for a plan without
     rooms."""
@@ -81,7 +72,7 @@ def write_level_building(plan: SceneGraph, path: Path | str, seed: int, levels: 
     for number, area in enumerate(storey.rooms.values(), 1):
         writer.space(f"{number}", STOREY, prisms(area, 0.0, height)[0])
     middles = [line.centroid for line in storey.doors]
-    _add(writer, STOREY, features(list(storey.rooms.values()), middles, height, rng, levels.ceilings), levels)
+    _add_levels(writer, STOREY, list(storey.rooms.values()), middles, height, rng, levels)
     writer.save(path)
 
 
@@ -90,40 +81,56 @@ def write_level_demo(path: Path | str, seed: int, levels: Levels = PLAIN) -> Non
     rng, writer = np.random.default_rng([seed, 66]), drawn_demo_building()
     for storey in (GROUND, UPPER):
         rooms = [room for room in storey.room_areas().values() if not room.intersects(shapely.box(*STAIRWELL))]
-        doors = [shapely.Point(_middle(wall, door)) for wall in storey.walls for door in wall.doors]
-        _add(writer, storey.name, features(rooms, doors, CLEAR_HEIGHT, rng, levels.ceilings), levels)
+        doors = [
+            shapely.Point(
+                (door.middle, wall.start[1]) if wall.start[1] == wall.end[1] else (wall.start[0], door.middle)
+            )
+            for wall in storey.walls
+            for door in wall.doors
+        ]
+        _add_levels(writer, storey.name, rooms, doors, CLEAR_HEIGHT, rng, levels)
     writer.save(path)
 
 
-def _middle(wall: PlanWall, door: Opening) -> tuple[float, float]:
-    """(x, y) of a door's middle."""
-    x, y = wall.start
-    return (door.middle, y) if y == wall.end[1] else (x, door.middle)
+def _add_levels(
+    writer: IfcWriter,
+    storey: str,
+    rooms: Sequence[Area],
+    doors: Sequence[shapely.Point],
+    height: float,
+    rng: Rng,
+    levels: Levels,
+) -> None:
+    """Draws and writes the features of rooms of a clear `height` (m) on one storey: suspended ceilings at one of two
+    heights, one in three over half of its room; galleries; in half of the larger rooms what rises from the floor, where
+    the doors leave space for it."""
 
+    def add(ifc_class: str, kind: Kind, area: Area, low: float, high: float) -> None:
+        if kind not in levels.missing:
+            predefined = "CEILING" if kind == "ceiling" else "FLOOR"
+            writer.element(ifc_class, kind, storey, prisms(area, low, high), kind=predefined)
 
-def features(
-    rooms: Sequence[Area], doors: Sequence[shapely.Point], height: float, rng: Rng, ceilings: float
-) -> list[Feature]:
-    """Features of rooms of a clear `height` (m) on one storey: suspended ceilings in a share of `ceilings` of them, at
-    one of two heights, one in three over half of its room; in half of the larger rooms something rises from the floor,
-    where the doors leave space for it."""
-    found, usual = [], rng.uniform(*HUNG, 2)
+    usual = rng.uniform(*HUNG, 2)
     for room in rooms:
-        hung, has_ceiling, is_half = float(rng.choice(usual)), rng.random() < ceilings, rng.random() < 1 / 3
+        hung, has_ceiling, is_half = float(rng.choice(usual)), rng.random() < levels.ceilings, rng.random() < 1 / 3
         kind: Kind = ("platform", "raised floor", "ramp")[int(rng.integers(3))]
-        rises = rng.random() < 0.5 and room.area > SMALLEST
-        part, upward = _end_of(room, DEPTHS[kind], doors)
-        if height > HIGH[0] and room.area > SMALLEST:
-            found.append(Feature("gallery", _end_of(room, DEPTHS["gallery"], doors)[0], GALLERY, GALLERY + SLAB))
+        rises, is_large = rng.random() < 0.5, room.area > SMALLEST
+        if height > HIGH[0] and is_large:
+            add("IfcSlab", "gallery", _end_of(room, DEPTHS["gallery"], doors)[0], GALLERY, GALLERY + SLAB)
         elif has_ceiling:
-            ceiling = _end_of(room, 0.5, doors)[0] if is_half else room
-            found.append(Feature("ceiling", ceiling, height - hung, height - hung + PANEL))
-        if rises and all(part.distance(door) > CLEAR for door in doors):
-            found.append(Feature(kind, part, 0.0, RISES[kind], upward))
-    return found
+            z = height - hung + levels.ceilings_off
+            add("IfcCovering", "ceiling", _end_of(room, 0.5, doors)[0] if is_half else room, z, z + PANEL)
+        end, upward = _end_of(room, DEPTHS[kind], doors)
+        if not (rises and is_large and all(end.distance(door) > CLEAR for door in doors)):
+            continue
+        if kind != "ramp":
+            add("IfcSlab", kind, end, 0.0, RISES[kind])
+        elif kind not in levels.missing:
+            body, T_storey_ramp = _wedge(end, upward)
+            writer.element("IfcRamp", kind, storey, [body], T_storey_ramp)
 
 
-def _end_of(room: Area, share: float, doors: Sequence[shapely.Point]) -> tuple[Area, tuple[float, float]]:
+def _end_of(room: Area, share: float, doors: Sequence[shapely.Point]) -> tuple[Area, Vec]:
     """The end of a room, a share of its length, that is farther from the doors, and the direction (2,) to it."""
     corners = np.asarray(shapely.oriented_envelope(room).exterior.coords)[:4]
     sides = [corners[1] - corners[0], corners[3] - corners[0]]
@@ -131,38 +138,20 @@ def _end_of(room: Area, share: float, doors: Sequence[shapely.Point]) -> tuple[A
     ends = []
     for base, direction in ((corners[0], long), (corners[0] + long, -long)):
         strip = shapely.Polygon([base, base + wide, base + wide + share * direction, base + share * direction])
-        part, way = largest(polygons_of(overlap(room, strip))), -direction / np.hypot(*direction)
-        ends.append((part, (float(way[0]), float(way[1]))))
+        ends.append((largest(polygons_of(overlap(room, strip))), -direction / np.hypot(*direction)))
     return max(ends, key=lambda end: min((end[0].distance(door) for door in doors), default=0.0))
 
 
-def _add(writer: IfcWriter, storey: str, found: Sequence[Feature], levels: Levels) -> None:
-    """Writes features of a storey."""
-    for feature in found:
-        if feature.kind in levels.missing:
-            continue
-        if feature.kind == "ramp":
-            body, T = _wedge(feature)
-            writer.element("IfcRamp", feature.kind, storey, [body], T)
-            continue
-        off = levels.ceilings_off if feature.kind == "ceiling" else 0.0
-        body_parts = prisms(feature.area, feature.low + off, feature.high + off)
-        ifc_class, kind = ("IfcCovering", "CEILING") if feature.kind == "ceiling" else ("IfcSlab", "FLOOR")
-        writer.element(ifc_class, feature.kind, storey, body_parts, kind=kind)
-
-
-def _wedge(ramp: Feature) -> tuple[Prism, np.ndarray]:
-    """A wedge over a ramp's rectangle: a triangle that is extruded across it, and its place in the storey."""
-    along = np.array(ramp.upward)
-    across = np.array([-along[1], along[0]])
-    corners = np.asarray(ramp.area.exterior.coords)
-    begin, right = np.min(corners @ np.stack([along, across], axis=1), axis=0).tolist()
-    end, left = np.max(corners @ np.stack([along, across], axis=1), axis=0).tolist()
-    T = np.eye(4)  # x along the ramp, y up, z to the right
-    T[:2, 0], T[:3, 1], T[:2, 2] = along, (0.0, 0.0, 1.0), -across
-    T[2, 2] = 0.0
-    T[:2, 3] = begin * along + left * across
-    return Prism(((0.0, 0.0), (end - begin, 0.0), (end - begin, ramp.high)), 0.0, left - right), T
+def _wedge(area: Area, upward: Vec) -> tuple[Prism, Matrix]:
+    """A wedge over a rectangle: a triangle that is extruded across it, and its place in the storey: x along the ramp, y
+    up, z to the right."""
+    across = np.array([-upward[1], upward[0]])
+    places = np.asarray(area.exterior.coords) @ np.stack([upward, across], axis=1)
+    (begin, right), (end, left) = places.min(axis=0).tolist(), places.max(axis=0).tolist()
+    T = np.eye(4)
+    T[:3, :3] = [[upward[0], 0.0, -across[0]], [upward[1], 0.0, -across[1]], [0.0, 1.0, 0.0]]
+    T[:2, 3] = begin * upward + left * across
+    return Prism(((0.0, 0.0), (end - begin, 0.0), (end - begin, RISES["ramp"])), 0.0, left - right), T
 
 
 def prisms(area: Area, low: float, high: float) -> list[Prism]:

@@ -4,7 +4,7 @@ A face belongs to the room from which it is seen. Outside all rooms it is kept w
 storey, and between a floor and a ceiling.
 """
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -21,7 +21,6 @@ from data.ifc.sections import Solid, solid_of
 from data.scene_graph import Floor, LevelSurface
 
 STAIRS = ("IfcStair", "IfcStairFlight", "IfcRamp", "IfcRampFlight")
-ROOFS = ("IfcSlab", "IfcRoof")
 LEVELS = ("IfcSlab", "IfcCovering", "IfcRoof", *STAIRS)
 OFF = 0.3  # m by which a room's floor may lie under its space, and its ceiling over it
 HEAD = 1.0  # m of a room above a floor, at least
@@ -34,37 +33,26 @@ WallsAt = Callable[[Area, float], Area]
 
 @dataclass(frozen=True, eq=False)
 class PlannedLevels:
-    """The faces of the `bodies` that a model has as levels (with their hulls in plan), and those of its spaces by their
-    GlobalIds, whose floors face down."""
+    """The level faces of a model; those of its spaces by their GlobalIds, whose floors face down; stairs and ramps with
+    their hulls in plan."""
 
     faces: Sequence[LevelFace]
-    bodies: Sequence[tuple[Solid, Area]] = ()
     spaces: dict[str, list[LevelFace]] = field(default_factory=dict)
+    stairs: Sequence[tuple[Solid, Area]] = ()
 
-    def passed(self, room: RoomVolume) -> bool:
-        """Whether stairs or ramps lie in a room."""
-        return any(b.product.ifc_class in STAIRS and hull.intersects(room.area) for b, hull in self.bodies)
-
-    def lacks(self, room: RoomVolume, z: float, bare: Area) -> bool:
-        """Whether a room may have a floor or ceiling at `z` that the model lacks, over a `bare` area: no stair leads
-        through it, and no roof that is too steep for a level is there instead."""
-        for body, hull in self.bodies:
-            kind, head = body.product.ifc_class, room.bottom + CLEARANCE
-            stair = kind in STAIRS and body.bottom < z - 2 * OFF and body.top > z - OFF
-            roof = kind in ROOFS and body.bottom < z + OFF and min(z, body.top) > head
-            if (stair or roof) and overlap(bare, hull).area > (LEAST if stair else bare.area / 2):
-                return False
-        return True
+    def stairs_in(self, area: Area, low: float = np.inf, high: float = -np.inf) -> bool:
+        """Whether a stair or ramp in an area begins below one height and ends above another."""
+        return any(s.bottom < low and s.top > high and overlap(area, hull).area > LEAST for s, hull in self.stairs)
 
 
 def planned_levels(model: ifcopenshell.file, rooms: Sequence[RoomVolume]) -> PlannedLevels:
     """Reads the level faces of an IFC model; of its spaces, those of `rooms`."""
     bodies = [solid_of(p) for p in products(model, LEVELS)]
-    hulls = [shapely.MultiPoint(b.product.vertices[:, :2]).convex_hull for b in bodies]
+    stairs = [b for b in bodies if b.product.ifc_class in STAIRS]
+    hulls = [shapely.MultiPoint(stair.product.vertices[:, :2]).convex_hull for stair in stairs]
     ids = {r.room.id for r in rooms}
     spaces = {p.global_id: _faces(solid_of(p)) for p in products(model, ("IfcSpace",)) if p.global_id in ids}
-    faces = [face for body in bodies for face in _faces(body)]
-    return PlannedLevels(faces, tuple(zip(bodies, hulls, strict=True)), spaces)
+    return PlannedLevels([f for b in bodies for f in _faces(b)], spaces, tuple(zip(stairs, hulls, strict=True)))
 
 
 def _faces(body: Solid) -> list[LevelFace]:
@@ -81,8 +69,6 @@ def level_surfaces(
 ) -> tuple[LevelSurface, ...]:
     """The level surfaces of a building by height, without what is hidden; `walls_at` gives its walls in an area at a
     height.
-
-    A space serves as floor or ceiling where its room has hardly any.
     """
     shown = sorted(visible(planned.faces), key=lambda f: f.middle)
     found = _Rooms(rooms, planned, shown)
@@ -93,9 +79,11 @@ def level_surfaces(
     surfaces = [s for face, room in found.claims for s in _surfaces(face, room.room.floor, room.room.id)]
     for face in rest:
         if face.area.area > LEAST_BESIDE:
-            beside = replace(face, area=_beside(face, shown, rooms, floors, walls_at))
-            surfaces += _surfaces(beside, _storey(face, floors), None, LEAST_BESIDE)
-    return _numbered(surfaces)
+            z = face.middle + OFF if face.is_floor else face.middle - CLEARANCE
+            below = [f for f in floors if f.elevation is not None and f.elevation <= z]
+            beside = replace(face, area=_beside(face, shown, rooms, below, walls_at))
+            surfaces += _surfaces(beside, below[-1].id if below else None, None, LEAST_BESIDE)
+    return tuple(replace(s, id=f"level-{k}") for k, s in enumerate(surfaces, 1))
 
 
 class _Rooms:
@@ -130,7 +118,7 @@ class _Rooms:
             if not face.is_floor:
                 part = within(inside, face.plane, room.bottom + CLEARANCE, room.top + OFF)
             else:
-                is_landing = inside.area > LANDING * face.area.area and self._planned.passed(room)
+                is_landing = inside.area > LANDING * face.area.area and self._planned.stairs_in(room.area)
                 high = np.inf if is_landing else room.top - HEAD
                 part = within(inside, face.plane, room.bottom - OFF, high)
                 if part.area > 0 and face.middle > room.bottom + CLEARANCE:
@@ -152,10 +140,11 @@ class _Rooms:
         return polygons_of(difference(room.area, united(self._taken[room.room.id, is_floor])))
 
     def fill(self, room: RoomVolume) -> None:
-        """Takes the faces of a room's space as its floor and ceiling, if it has hardly any."""
+        """Takes the faces of a room's space as its floor and ceiling, if it has hardly any and no stair leads there."""
         for face in self._planned.spaces.get(room.room.id, ()):
             bare = self._bare(room, is_floor=not face.is_floor)
-            if bare.area > room.area.area / 2 and self._planned.lacks(room, face.middle, bare):
+            passed = self._planned.stairs_in(bare, face.middle - 2 * OFF, face.middle - OFF)
+            if bare.area > room.area.area / 2 and not passed:
                 self._take(replace(face, is_floor=not face.is_floor), room, polygons_of(overlap(face.area, bare)))
 
 
@@ -163,17 +152,18 @@ def _beside(
     face: LevelFace,
     shown: Sequence[LevelFace],
     rooms: Sequence[RoomVolume],
-    floors: Sequence[Floor],
+    below: Sequence[Floor],
     walls_at: WallsAt,
 ) -> Area:
-    """The part of a face beside all rooms and walls that is a storey's floor, or between floor and ceiling."""
+    """The part of a face beside all rooms and walls that is the floor of a storey not above it, or between floor and
+    ceiling."""
     z, side = face.middle, 1.0 if face.is_floor else -1.0
     near = (r for r in rooms if r.bottom - CLEARANCE < z < r.top + CLEARANCE and r.area.intersects(face.area))
     free = polygons_of(difference(face.area, united(r.area for r in near)))
     if free.area < LEAST_BESIDE:
         return free
     free = polygons_of(difference(free, walls_at(free, z + side * HEAD / 2)))
-    if face.is_floor and any(f.elevation is not None and abs(f.elevation - z) < OFF for f in floors):
+    if face.is_floor and below and z - (below[-1].elevation or 0.0) < OFF:
         return free
     return polygons_of(overlap(free, _facing(face, shown)))
 
@@ -185,28 +175,15 @@ def _facing(face: LevelFace, others: Sequence[LevelFace]) -> Area:
     return united(f.area for f in facing if f.area.intersects(face.area))
 
 
-def _storey(face: LevelFace, floors: Sequence[Floor]) -> str | None:
-    z = face.middle + OFF if face.is_floor else face.middle - CLEARANCE
-    below = [f for f in floors if f.elevation is not None and f.elevation <= z]
-    return below[-1].id if below else None
-
-
 def _surfaces(face: LevelFace, floor: str | None, room: str | None, least: float = LEAST) -> Iterator[LevelSurface]:
     """One for each polygon of a face that is as large as a level, with empty ids."""
     for part in shapely.get_parts(face.area):
         if part.area < least or opened(part, HALF).is_empty:
             continue
-        outer, *holes = (_ring(ring) for ring in _rings(orient(shapely.simplify(part, TIDY))))
+        tidy = orient(shapely.simplify(part, TIDY))
+        outer, *holes = (tuple(ring.coords[:-1]) for ring in (tidy.exterior, *tidy.interiors))
         plane, stated = normal_form(face.plane, face.is_floor), face.kind != "IfcSpace"
         yield LevelSurface("", plane, outer, tuple(holes), room, floor, face.source, face.kind, stated)
-
-
-def _rings(polygon: Area) -> list[Area]:
-    return [polygon.exterior, *polygon.interiors]
-
-
-def _ring(ring: Area) -> tuple[tuple[float, float], ...]:
-    return tuple((float(x), float(y)) for x, y in ring.coords[:-1])
 
 
 def normal_form(plane: Plane, is_floor: bool) -> tuple[float, float, float, float]:
@@ -215,13 +192,3 @@ def normal_form(plane: Plane, is_floor: bool) -> tuple[float, float, float, floa
     n = np.array([-b, -c, 1.0, -a]) / np.sqrt(1 + b * b + c * c) * (1.0 if is_floor else -1.0)
     nx, ny, nz, d = (n + 0.0).tolist()
     return nx, ny, nz, d
-
-
-def _numbered(surfaces: list[LevelSurface]) -> tuple[LevelSurface, ...]:
-    """Ids from those of their sources, the same each time the same file is read."""
-    count: Counter[str] = Counter()
-    result = []
-    for surface in surfaces:
-        count[surface.source] += 1
-        result.append(replace(surface, id=f"{surface.source or 'mesh'}/level-{count[surface.source]}"))
-    return tuple(result)

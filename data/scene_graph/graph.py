@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from data.common.files import write_json
 from data.common.json_files import read_json
 from data.scene_graph.nodes import Door, Floor, Keyframe, LevelSurface, Room, WallSurface
 
+Surface = TypeVar("Surface", WallSurface, LevelSurface)
 SCHEMA_VERSION = 1
 STEEPEST = 0.9  # upright part of a level surface's normal, at least
 
@@ -61,16 +62,16 @@ class SceneGraph:
         for name, what, value in (*points, *((w.id, "normal", w.normal) for w in self.wall_surfaces)):
             if len(value) != 2:
                 raise UserError(f"scene graph: the {what} of '{name}' has {len(value)} numbers; give x and y only")
+        surfaces: tuple[WallSurface | LevelSurface, ...] = (*self.wall_surfaces, *self.level_surfaces)
+        for node in surfaces:
+            if node.room is not None and node.room not in self.room_by_id:
+                raise UserError(f"scene graph: surface '{node.id}' refers to a missing room '{node.room}'")
         for surface in self.wall_surfaces:
-            if surface.room is not None and surface.room not in self.room_by_id:
-                raise UserError(f"scene graph: wall surface '{surface.id}' refers to a missing room '{surface.room}'")
             if abs(math.hypot(*surface.normal) - 1) > 1e-2:  # planes of a real map are not quite upright
                 raise UserError(f"scene graph: the normal of wall surface '{surface.id}' is not a unit vector")
             if surface.length is not None and not surface.length > 0:
                 raise UserError(f"scene graph: wall surface '{surface.id}' has no positive length")
         for level in self.level_surfaces:
-            if level.room is not None and level.room not in self.room_by_id:
-                raise UserError(f"scene graph: level surface '{level.id}' refers to a missing room '{level.room}'")
             if abs(math.hypot(*level.plane[:3]) - 1) > 1e-6 or abs(level.plane[2]) < STEEPEST:
                 raise UserError(f"scene graph: the plane of level surface '{level.id}' is steep or not of unit length")
             if min(map(len, (level.polygon, *level.holes))) < 3:
@@ -92,20 +93,19 @@ class SceneGraph:
     @cached_property
     def surfaces_of_room(self) -> dict[str, tuple[WallSurface, ...]]:
         """The wall surfaces facing each room, by room id, in the graph's order."""
-        facing: dict[str, list[WallSurface]] = {r.id: [] for r in self.rooms}
-        for surface in self.wall_surfaces:
-            if surface.room is not None:
-                facing[surface.room].append(surface)
-        return {room: tuple(surfaces) for room, surfaces in facing.items()}
+        return self._by_room(self.wall_surfaces)
 
     @cached_property
     def levels_of_room(self) -> dict[str, tuple[LevelSurface, ...]]:
         """The level surfaces of each room, by room id, in the graph's order."""
-        found: dict[str, list[LevelSurface]] = {r.id: [] for r in self.rooms}
-        for level in self.level_surfaces:
-            if level.room is not None:
-                found[level.room].append(level)
-        return {room: tuple(levels) for room, levels in found.items()}
+        return self._by_room(self.level_surfaces)
+
+    def _by_room(self, surfaces: tuple[Surface, ...]) -> dict[str, tuple[Surface, ...]]:
+        found: dict[str, list[Surface]] = {r.id: [] for r in self.rooms}
+        for surface in surfaces:
+            if surface.room is not None:
+                found[surface.room].append(surface)
+        return {room: tuple(own) for room, own in found.items()}
 
     def on_floor(self, floor: str | None) -> "SceneGraph":
         """Returns the part of the graph on one floor, given by id; None selects nodes without a floor.
