@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from data.common.errors import UserError
 from data.trajectory import Trajectory
 from data.trajectory.stamps import NS, ns_to_seconds
+from sgslam.odometry.base import GAP_NS
 
 Floats = NDArray[np.float64]
 _BEYOND_NS = NS // 10  # extrapolation before the first pose and after the last, for the time of one scan
-_GAP_NS = NS  # longest gap between two poses that is interpolated
 
 
 class ExternalOdometry:
@@ -51,7 +51,7 @@ class ExternalOdometry:
         own = self._trajectory.stamps_ns
         within = (stamps >= own[0] - _BEYOND_NS) & (stamps <= own[-1] + _BEYOND_NS)
         at_a_pose = np.isin(stamps, own)
-        return within & (at_a_pose | (self._steps[self._after(stamps) - 1] <= _GAP_NS))
+        return within & (at_a_pose | (self._steps[self._after(stamps) - 1] <= GAP_NS))
 
     def _uncovered(self, stamp: int, count: int, of: int) -> str:
         own = self._trajectory.stamps_ns

@@ -74,7 +74,7 @@ class MotionModel:
         settings, axes = self._settings, np.eye(6)
         axes[3:, 3:] = levelling(up_in_odom)
         spread, memory = self.prior.spread.copy(), self.prior.memory.copy()
-        spread[5], memory[5] = settings.vertical_speed, settings.vertical_memory
+        spread[5], memory[5] = settings.vertical_speed, settings.sway_memory
         self.prior = MotionPrior(spread, memory, axes)
 
     def begin(self, seconds: float, T: Floats) -> Belief:

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
+from sgslam.config.sensor import RANGE_NOISE
 from sgslam.geometry.normal_equations import principal_axes
 from sgslam.inertial import steadied
 from sgslam.registration.points import UNKNOWN
-from sgslam.surfels.planes import NOISE
 from sgslam.types import TimedPoints, UnsteadyTurn
 
 Floats = NDArray[np.float64]
@@ -22,7 +22,7 @@ _PATCH = 0.25  # m, of the cells whose points show the normal of a scan's surfac
 _LEAST = 8  # points of such a cell
 _FLAT = 4.0  # times the variance across, that along a surface in its narrower direction at least
 _HALF = 2.0**20  # cells, so that no index is negative
-_SHORTEST = 1e-3  # s; a shorter scan is a snapshot
+SHORTEST = 1e-3  # s; a shorter scan is a snapshot
 
 
 def thinned(
@@ -41,7 +41,7 @@ def thinned(
     elif len(own) < 0.8 * settings.points:
         side = max(side / 1.1, _FINEST_SIDE)
     first, last = (0.0, 0.0) if point_times is None else (float(point_times.min()), float(point_times.max()))
-    if point_times is None or last - first < _SHORTEST:
+    if point_times is None or last - first < SHORTEST:
         at = began if point_times is None else began + float(np.mean(point_times))
         return TimedPoints(chosen, np.full(len(own), at), np.array([at]), unknown), side
     pieces = math.ceil((last - first) / settings.knot_interval - 1e-3)
@@ -137,6 +137,6 @@ def _normals(patches: Floats) -> Floats:
                 patches[p, 4] / n - x * x, patches[p, 5] / n - x * y, patches[p, 6] / n - x * z,
                 patches[p, 7] / n - y * y, patches[p, 8] / n - y * z, patches[p, 9] / n - z * z,
             )  # fmt: skip
-            if values[1] > _FLAT * max(values[0], NOISE**2):
+            if values[1] > _FLAT * max(values[0], RANGE_NOISE**2):
                 normals[p, 0], normals[p, 1], normals[p, 2] = normal
     return normals

@@ -86,7 +86,7 @@ def smoothed(
     weights, seen = Weights.of(settings), [_Seen(scan) for scan in scans]
     knots_of = [slice(first, first + len(scan.knot_seconds)) for scan, first in zip(scans, firsts, strict=True)]
     # the first pass knows the way; unknown is how a hand sways up and down, as fast as it turns
-    model = MotionModel(settings.model_copy(update={"vertical_memory": settings.turn_memory}))
+    model = MotionModel(settings.model_copy(update={"sway_memory": settings.turn_memory}))
     model.level(_UP)
     for number in range(_MAPS):
         surfels = _map_of(scans, knots_of, motion, is_known).arrays

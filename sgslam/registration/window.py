@@ -196,7 +196,7 @@ def solve(window: Window, predicted: Floats, first_kernel: float, iterations: in
     count, moved_by, residual, found, close = _solve(window, knots, plane_of, first_kernel, iterations, H, measured)
     return Solved(
         window.at, knots, predicted, H, measured, plane_of[window.begins[-2] :], found, close, residual, count,
-        moved_by < window.weights.convergence, max(window.weights.sigma_point, SIGMA * residual),
+        moved_by < window.weights.convergence, max(window.weights.kernel, SIGMA * residual),
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import inverse, levelling
-from sgslam.perception.gravity import Gravity, find_gravity
+from sgslam.perception.gravity import ALIKE, LYING, Gravity, find_gravity
 from sgslam.registration.motion import few_points
 from sgslam.serialization import Stateful
 from sgslam.surfels import SurfelMap
@@ -17,9 +17,7 @@ from sgslam.types import TrackedScan
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 _BETWEEN_NS = 1_000_000_000  # between two attempts
-_LIES = np.radians(45.0)  # of tilt: beyond it, which end is up is not sure, and surfaces show that badly
 _SWAYS = 0.5  # rad, between the sensor and its stated mount in a hand, at most
-_AGREE = np.radians(10.0)  # between the vertical of the surfaces, which is exact, and that of an accelerometer
 
 
 class LevelFrame(Stateful):
@@ -73,7 +71,7 @@ class LevelFrame(Stateful):
         seen = self._seen(scans)
         if seen is not None and seen.is_sure:
             self.likely_up = seen.up
-            self.sure = is_time and self._tilt(seen.up) < _LIES
+            self.sure = is_time and self._tilt(seen.up) < LYING
 
     def settle(self, scans: list[TrackedScan]) -> None:
         """Ends the search with all scans; where nothing is found, up is where the mount says."""
@@ -83,7 +81,7 @@ class LevelFrame(Stateful):
             self.likely_up = self._expected
             _log.warning("the first seconds do not show the vertical, so the mount is taken for it; give --mount")
             return
-        if seen is not None and (measured is None or seen.up @ measured > np.cos(_AGREE)):
+        if seen is not None and (measured is None or seen.up @ measured > np.cos(ALIKE)):
             self.likely_up = seen.up
         tilt, is_stated = self._tilt(self.likely_up), self._settings.mount is not None
         shown = "its surroundings show" if measured is None else "the accelerometer shows"
@@ -92,7 +90,7 @@ class LevelFrame(Stateful):
         if is_stated and tilt > _SWAYS:
             self.advice = self._correction(tilt, shown)
             _log.warning("%s", self.advice)
-        elif measured is None and (tilt > _LIES or not (seen and seen.is_sure)):
+        elif measured is None and (tilt > LYING or not (seen and seen.is_sure)):
             _log.warning("the vertical is not certain; give roll, pitch and yaw of the sensor with --mount")
 
     def _tilt(self, up: Floats) -> float:
