@@ -30,8 +30,6 @@ from sgslam.types import Health, Motion, Registration, TimedPoints
 Floats = NDArray[np.float64]
 _BLIND = 50  # points: fewer do not tell where a scan was taken; the sensor is covered
 _TRIED = 8  # of the likely poses of a lost sensor
-_UNSURE = 3.0  # s, at the beginning, in which a map of a few scans may mislead
-_KNOWN = 0.5  # s, after it, whose scans are the map for the first ones
 _PAUSE = 3.0  # times the usual time between scans: what is shorter is no pause
 _ROUNDS = 3  # in which the first scan is put right by the motion to the second
 _NONE = np.empty((0, 6))
@@ -61,7 +59,6 @@ class ContinuousTimeOdometry:
         self._settings, self._given = settings, given
         self._imu = imu or MeasuredMotion(ImuBuffer(ImuSettings()))  # one that never measures anything
         self._model, self._map, self._course = MotionModel(settings), SurfelMap(), Course()
-        self._early: list[TimedPoints] | None = []  # all scans so far, while the first ones may be looked back at
 
     @property
     def surfels(self) -> tuple[Floats, Floats, Floats]:
@@ -100,8 +97,6 @@ class ContinuousTimeOdometry:
         else:
             self._go_on(scans=self._course.scans + 1, side=side)
             found = self._located(scan)
-        if self._early is not None:
-            self._early = [*self._early, scan] if began <= 2 * self._settings.gravity_until else None
         # all by seconds after the stamp
         motion = Motion(scan.knot_seconds - began, found.knots)
         return Registration(
@@ -245,46 +240,6 @@ class ContinuousTimeOdometry:
         self._go_on(lost=True, lost_at=float(seconds[-1]), older=None, beliefs=beliefs)
         return _Found(knots, belief.covariance, "lost", share)
 
-    def look_back(self, results: list[Registration]) -> list[Registration]:
-        """Returns the results of all scans so far, with the first ones registered again, as these had hardly any map
-        before: the later scans are the map, and they are registered to it from the last of them to the first. To be
-        called once, after some seconds."""
-        early, self._early = self._early, None
-        if early is None or len(early) != len(results) or any(result.health == "lost" for result in results):
-            return results
-        ages = np.array([scan.knot_seconds[0] - early[0].knot_seconds[0] for scan in early])
-        count = int(np.searchsorted(ages, _UNSURE))
-        if len(early) - count < 2 or ages[-1] < _UNSURE + _KNOWN:
-            return results
-        given = None if self._given is None else self._given.backwards()
-        back = ContinuousTimeOdometry(self._settings, self._imu.backwards(), given)
-        if self._model.up.any():
-            back.level(self._model.up)
-        for scan, result in zip(early[count:-1], results[count:-1], strict=True):
-            back._add(scan, result.motion.knots)
-        knots = np.concatenate([result.motion.knots for result in results[count : count + 2]])
-        seconds = np.concatenate([scan.knot_seconds for scan in early[count : count + 2]])
-        velocity, lasted = -velocity_after(Motion(seconds, knots), 0), float(seconds[1] - seconds[0])
-        back._course = Course(
-            self._course.first_ns,
-            self._course.scans,
-            [back._model.moving(-float(seconds[0]), knots[0], 1e-2, velocity, lasted)],
-            usual=self._course.usual,
-            height=self._course.height,
-        )
-        again = []
-        for scan, result in zip(early[:count][::-1], results[:count][::-1], strict=True):
-            found = back._located(scan.reversed())
-            motion = Motion(result.motion.seconds, found.knots[::-1].copy())
-            own = found._asdict() | {"knots": motion, "T_odom_sensor": pose_at(motion, 0.0)}
-            again.append(replace(result, motion=own.pop("knots"), **own))
-        if any(result.health == "lost" for result in again):
-            return results
-        if back._course.older is not None:
-            back._add(back._course.older, back._course.older_knots)
-        self._map = back._map
-        return [*again[::-1], *results[count:]]
-
     def rejoin(self, other: "ContinuousTimeOdometry") -> bool:
         """Tries to register the scan that `other` registered last near the place where the sensor was lost, and
         continues from there. Returns whether it fits."""
@@ -320,12 +275,12 @@ class ContinuousTimeOdometry:
     def state(self) -> dict[str, Any]:
         """Returns the state as a tree; another instance with the same settings continues identically."""
         parts = {"map": self._map.state(), "imu": self._imu.state()}
-        return parts | {"course": dict(vars(self._course)), "up": self._model.up, "early": self._early}
+        return parts | {"course": dict(vars(self._course)), "up": self._model.up}
 
     def restore(self, state: State) -> None:
         """Restores what `state` returned."""
         self._map.restore(state["map"])
         self._imu.restore(state["imu"])
-        self._course, self._early = Course(**state["course"]), state["early"]
+        self._course = Course(**state["course"])
         if state["up"].any():
             self._model.level(state["up"])

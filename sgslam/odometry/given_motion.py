@@ -38,7 +38,6 @@ class GivenMotion(Stateful):
     def __init__(self, settings: OdometrySettings) -> None:
         self._usual = np.array([settings.given_sigma_rotation, settings.given_sigma_translation]) ** 2
         self._limits = np.array([settings.outlier_turn_rate, settings.outlier_speed])
-        self._direction = 1
         self._stamps_ns: list[int] = []
         self._poses: list[Floats] = []  # T_first_sensor (4, 4), in the frame of the first poses
         self._variances: list[Floats] = []  # of the step to each pose (2,): of an angle, rad2, and of a coordinate, m2
@@ -107,19 +106,12 @@ class GivenMotion(Stateful):
         R = Rotation.from_matrix(np.stack(self._poses[known])[:, :3, :3])
         return stamps, np.vstack([np.zeros(3), np.cumsum((R[:-1].inv() * R[1:]).as_rotvec(), axis=0)])
 
-    def backwards(self) -> "GivenMotion":
-        """The same poses, as time runs backwards."""
-        other = GivenMotion.__new__(GivenMotion)
-        other.__dict__.update(self.__dict__)
-        other._direction = -self._direction
-        return other
-
     def steps(self, first_ns: int, seconds: Floats) -> Steps:
         """The steps between knots at times (K,), as far as they are measured."""
         count = len(seconds) - 1
         poses, information = np.tile(np.eye(4), (count, 1, 1)), np.zeros((count, 2))
         for k in range(count):
-            begin, end = sorted(self._stamp_ns(first_ns, second) for second in seconds[k : k + 2])
+            begin, end = (self._stamp_ns(first_ns, second) for second in seconds[k : k + 2])
             if self._is_measured(begin, end):
                 poses[k] = self.between(first_ns, seconds[k], seconds[k + 1])
                 information[k] = 1 / self._variance_of(begin, end)
@@ -143,12 +135,12 @@ class GivenMotion(Stateful):
 
     def covariance(self, first_ns: int, begin: float, end: float) -> Floats:
         """(6, 6) of the motion from one time to another, rotation first: that of all its steps together."""
-        low, high = sorted(self._stamp_ns(first_ns, second) for second in (begin, end))
+        low, high = self._stamp_ns(first_ns, begin), self._stamp_ns(first_ns, end)
         steps = self._variances[bisect_right(self._stamps_ns, low) : bisect_left(self._stamps_ns, high) + 1]
         return np.diag(np.repeat(np.sum([self._usual, *steps], axis=0), 3))
 
     def _stamp_ns(self, first_ns: int, second: float) -> int:
-        return first_ns + self._direction * round(second * NS)
+        return first_ns + round(second * NS)
 
     def _after(self, stamp_ns: int) -> int:
         """The index of the pose after a stamp, which has one before it."""

@@ -67,10 +67,9 @@ class TimedOdometry:
         return [] if self._held is None else self._held[self._best]
 
     def release(self) -> list[Registration]:
-        """Ends holding back; returns what was `held`, the first scans registered again."""
-        held, self._held = self._held or {}, None
-        seen = {kind: self._odometries[kind].look_back(held[kind]) for kind in self._odometries if kind in held}
-        return seen.get(self._best, [])
+        """Ends holding back; returns what was `held`."""
+        held, self._held = self.held, None
+        return held
 
     def register(self, stamp_ns: int, points: Floats, point_times: Floats | None = None) -> Registration:
         """See `ContinuousTimeOdometry.register`."""
