@@ -18,9 +18,9 @@ from sgslam.odometry.given_motion import GivenMotion
 from sgslam.odometry.prediction import Course, predicted, unobserved
 from sgslam.registration.beliefs import Belief, MotionModel
 from sgslam.registration.health import fits, judged, sees_through
-from sgslam.registration.motion import points_and_rays, pose_at, velocity_after
+from sgslam.registration.motion import pose_at, velocity_after
 from sgslam.registration.motion_prior import moved_on
-from sgslam.registration.points import UNKNOWN, Weights
+from sgslam.registration.points import UNKNOWN, Weights, placed
 from sgslam.registration.relocation import Guess, best_attempt, likely_poses
 from sgslam.registration.sampling import steadied_points, thinned
 from sgslam.registration.window import Solved, Window, solve
@@ -226,7 +226,7 @@ class ContinuousTimeOdometry:
         is_new = float(scan.knot_seconds[-1]) - self._course.lost_at < self._settings.usual_memory
         if not is_new and relative >= self._settings.suspicious:
             return False
-        points = points_and_rays(Motion(scan.knot_seconds, knots), scan.points, scan.seconds)[0]
+        points = placed(scan.points, scan.seconds, scan.knot_seconds, knots)[0]
         return sees_through(points, knots[0, :3, 3], self._map.arrays, self._oldest, self._settings)
 
     def _lose(self, scan: TimedPoints, share: float) -> _Found:
@@ -250,8 +250,8 @@ class ContinuousTimeOdometry:
         unknown = np.full_like(there.older.plane_of, UNKNOWN)  # in this map
         scan = replace(there.older, plane_of=unknown).later(later)
         # the places near the last known one where the other's newest scan would fit best
-        placed = points_and_rays(Motion(scan.knot_seconds, there.older_knots), scan.points, scan.seconds)[0]
-        seen = np.hstack([transform_points(inverse(last), placed), scan.points[:, 3:]])
+        in_odom = placed(scan.points, scan.seconds, scan.knot_seconds, there.older_knots)[0]
+        seen = np.hstack([transform_points(inverse(last), in_odom), scan.points[:, 3:]])
         near = course.beliefs[-1].T @ last
         found = []
         for T in likely_poses(seen, near, self._model.up, self._map.arrays, self._oldest, _TRIED):
@@ -269,7 +269,7 @@ class ContinuousTimeOdometry:
 
     def _add(self, scan: TimedPoints, knots: Floats) -> None:
         """Adds a scan to the map."""
-        seen = points_and_rays(Motion(scan.knot_seconds, knots), scan.points, scan.seconds)
+        seen = placed(scan.points, scan.seconds, scan.knot_seconds, knots)
         self._map.add(*seen, self._course.way, self._settings.local_map)
 
     def state(self) -> dict[str, Any]:

@@ -9,8 +9,8 @@ from small_gicp import align, preprocess_points
 from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import angle_of, inverse, squared_up
 from sgslam.odometry.base import State, at_stamp, end_of, is_snapshot, seconds_since, steady_motion
-from sgslam.registration.motion import points_and_rays
 from sgslam.registration.motion_prior import moved_on, velocity_between
+from sgslam.registration.points import placed
 from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
@@ -48,7 +48,7 @@ class SmallGicpOdometry(Stateful):
             if not self._window or source.size() < _LEAST:
                 break
             if self._target is None:
-                self._target = preprocess_points(np.concatenate([placed for _, placed in self._window]), _VOXEL)
+                self._target = preprocess_points(np.concatenate([own for _, own in self._window]), _VOXEL)
             (target, tree), guess = self._target, self.T_odom_end
             found = align(target, source, tree, guess, registration_type="GICP", max_correspondence_distance=_REACH)
             self.T_odom_end = squared_up(found.T_target_source)
@@ -64,7 +64,8 @@ class SmallGicpOdometry(Stateful):
         if point_times is None:
             return points[within]
         motion = steady_motion(T, self._velocity, end_of(point_times), point_times)
-        return np.asarray((points_and_rays(motion, points[within], point_times[within])[0] - T[:3, 3]) @ T[:3, :3])
+        in_odom = placed(points[within], point_times[within], motion.seconds, motion.knots)[0]
+        return np.asarray((in_odom - T[:3, 3]) @ T[:3, :3])
 
     def _add(self, points: Floats) -> None:
         """Adds points (N, 3) of a scan to the local map if it is far enough from the newest one in it."""

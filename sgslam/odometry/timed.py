@@ -14,6 +14,7 @@ from sgslam.odometry.base import State
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.perception.point_times import guessed_times
 from sgslam.registration.motion_prior import velocity_between
+from sgslam.serialization import Stateful
 from sgslam.types import Motion, Registration
 
 Floats = NDArray[np.float64]
@@ -28,7 +29,7 @@ _MOST = 0.3  # evidence of one scan: the scans after it are not independent
 _LIMIT = 8.0
 
 
-class TimedOdometry:
+class TimedOdometry(Stateful):
     """Our own odometry for scans with point times, given or not.
 
     Where they are not given, two odometries run side by side until the motion decides: one takes scans as snapshots,
@@ -36,6 +37,8 @@ class TimedOdometry:
     Poses are those of the better one so far, and do not jump when that changes; but while results are held back, they
     are all replaced by those of the other one. All points of a snapshot are of the instant `stamped`.
     """
+
+    _STATE = ("_best", "_evidence", "_last", "_last_ns", "_duration_s", "_spins", "_shift", "_held")
 
     def __init__(
         self, make: Callable[[], ContinuousTimeOdometry], point_times: Kinds, stamped: Stamped = "auto"
@@ -156,23 +159,16 @@ class TimedOdometry:
         _log.info("the points of the scans have no times; they are taken as %s", what)
 
     def state(self) -> dict[str, Any]:
-        """See `ContinuousTimeOdometry.state`."""
-        return {
-            "odometries": {kind: odometry.state() for kind, odometry in self._odometries.items()}, "best": self._best,
-            "evidence": self._evidence, "last": dict(self._last),
-            "last_ns": self._last_ns, "duration_s": self._duration_s, "spins": self._spins,
-            "shift": self._shift, "held": self._held,
-        }  # fmt: skip
+        """See `Stateful`; with both odometries."""
+        odometries = {kind: odometry.state() for kind, odometry in self._odometries.items()}
+        return {**super().state(), "odometries": odometries}
 
     def restore(self, state: State) -> None:
-        """See `ContinuousTimeOdometry.restore`."""
+        """See `Stateful`."""
+        super().restore(state)
         self._odometries = {kind: self._make() for kind in state["odometries"]}
         for kind, odometry in self._odometries.items():
             odometry.restore(state["odometries"][kind])
-        self._best, self._evidence = state["best"], state["evidence"]
-        self._last, self._last_ns = dict(state["last"]), state["last_ns"]
-        self._duration_s, self._spins, self._shift = state["duration_s"], state["spins"], state["shift"]
-        self._held = state["held"]
 
 
 def _moved(T: Floats, result: Registration) -> Registration:

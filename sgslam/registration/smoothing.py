@@ -16,9 +16,9 @@ from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.registration.beliefs import MotionModel
 from sgslam.registration.degeneracy import project_out_feigned
-from sgslam.registration.motion import points_and_rays, pose_at
+from sgslam.registration.motion import pose_at
 from sgslam.registration.motion_prior import add_height, add_velocities
-from sgslam.registration.points import KERNEL, STRAYED, UNKNOWN, Weights, point_equations
+from sgslam.registration.points import KERNEL, STRAYED, UNKNOWN, Weights, placed, point_equations
 from sgslam.registration.window import MotionPrior, update_knots, window_knots
 from sgslam.surfels import SurfelMap, Surfels
 from sgslam.types import Motion, TimedPoints
@@ -117,9 +117,8 @@ def _map_of(scans: list[TimedPoints], knots_of: list[slice], motion: Motion, is_
     for turn in range(_TURNS):
         for i in range(turn, len(scans), _TURNS):
             if is_known[i]:
-                own = Motion(scans[i].knot_seconds, motion.knots[knots_of[i]])
-                seen = points_and_rays(own, scans[i].points.astype(np.float64), scans[i].seconds)
-                surfels.add(*seen, 0.0, 1.0)
+                points, knots = scans[i].points.astype(np.float64), motion.knots[knots_of[i]]
+                surfels.add(*placed(points, scans[i].seconds, scans[i].knot_seconds, knots), 0.0, 1.0)
     return surfels
 
 
