@@ -23,9 +23,8 @@ class OdometrySettings(Settings):
     voxel_size: float = Field(0.3, gt=0)
     """m, voxel size of KISS-ICP's scans and local map; smaller is slower"""
     outlier_speed: float = Field(5.0, gt=0)
-    """m/s, change of the velocity of given poses beyond which a step is an outlier; a sensor is carried more slowly"""
-    outlier_turn_rate: float = Field(5.0, gt=0)
-    """rad/s, change of the angular velocity of given poses beyond which a step is an outlier"""
+    """m/s, and rad/s of a turn: change of the velocity of given poses beyond which a step is an outlier; a sensor is
+    carried more slowly"""
     given: Literal["exact", "measured"] = "exact"
     """how given poses, of other odometries too, are used: `exact` ones replace registration; of `measured` ones, the
     motion from scan to scan enters our own registration with the errors below, and predicts the pose of a lost

@@ -37,7 +37,7 @@ class GivenMotion(Stateful):
 
     def __init__(self, settings: OdometrySettings) -> None:
         self._usual = np.array([settings.given_sigma_rotation, settings.given_sigma_translation]) ** 2
-        self._limits = np.array([settings.outlier_turn_rate, settings.outlier_speed])
+        self._limit = settings.outlier_speed  # m/s and rad/s
         self._stamps_ns: list[int] = []
         self._poses: list[Floats] = []  # T_first_sensor (4, 4), in the frame of the first poses
         self._variances: list[Floats] = []  # of the step to each pose (2,): of an angle, rad2, and of a coordinate, m2
@@ -61,7 +61,7 @@ class GivenMotion(Stateful):
             if self._is_outlier:
                 self._warn(stamp_ns, seconds)
                 pose = np.asarray(moved_on(self._poses[-1], self._velocity, seconds))
-                variance = (self._limits * seconds) ** 2
+                variance = np.full(2, (self._limit * seconds) ** 2)
                 self._T_first_given = squared_up(pose @ inverse(T_given_sensor))
             else:
                 self._velocity = self._step
@@ -74,8 +74,7 @@ class GivenMotion(Stateful):
 
     def _differs(self, velocity: Floats) -> bool:
         """Whether a difference (6,) of velocities is more than any that a carrier makes."""
-        turn_rate, speed = np.linalg.norm(velocity.reshape(2, 3), axis=1)
-        return bool(turn_rate > self._limits[0] or speed > self._limits[1])
+        return bool(np.linalg.norm(velocity.reshape(2, 3), axis=1).max() > self._limit)
 
     def _warn(self, stamp_ns: int, seconds: float) -> None:
         """Warns of the first outlier."""
