@@ -11,9 +11,9 @@ from data.imu import ImuSamples
 from data.imu.samples import GRAVITY
 from sgslam.inertial.buffer import ImuBuffer
 from sgslam.inertial.preintegration import (
-    NO_TURNS,
+    NO_STEPS,
     Changes,
-    Turns,
+    Steps,
     no_changes,
     preintegrated,
     unsteady,
@@ -77,16 +77,19 @@ class MeasuredMotion(Stateful):
         """Sets the stamp at which seconds are 0."""
         self._first_ns = first_ns
 
-    def turns(self, seconds: Floats) -> Turns:
+    def turns(self, seconds: Floats) -> Steps:
         """The turns between knots at times (K,) that increase."""
         found = [self._turn(a, b) for a, b in pairwise(seconds)]
         known = np.array([own is not None for own in found])
         if not known.any():
-            return NO_TURNS
+            return NO_STEPS
         lasted = np.diff(seconds)
-        rotations = np.stack([np.eye(3) if own is None else own[0] for own in found])
+        poses = np.tile(np.eye(4), (len(lasted), 1, 1))
+        for pose, own in zip(poses, found, strict=True):
+            pose[:3, :3] = np.eye(3) if own is None else own[0]
         bias_variance = float(np.linalg.eigvalsh(self._gyro_bias.covariance)[-1])
-        return Turns(rotations, known / (self._settings.gyro_noise**2 * lasted + bias_variance * lasted**2))
+        information = known / (self._settings.gyro_noise**2 * lasted + bias_variance * lasted**2)
+        return Steps(poses, np.column_stack([information, np.zeros(len(lasted))]))
 
     def turned(self, seconds: Floats, knots: Floats) -> Floats:
         """Knots (K, 4, 4) at times (K,), with the attitudes that follow from the first one, as far as is measured."""

@@ -61,11 +61,6 @@ class ContinuousTimeOdometry:
         self._model, self._map, self._course = MotionModel(settings), SurfelMap(), Course()
 
     @property
-    def surfels(self) -> tuple[Floats, Floats, Floats]:
-        """Means (N, 3) and normals (N, 3) in `odom`, and numbers of points (N,) of all surfaces in the local map."""
-        return self._map.surfels()
-
-    @property
     def residual(self) -> float:
         """The median distance (m) of the newest scan's points from their surfaces."""
         return self._course.residual
@@ -155,7 +150,7 @@ class ContinuousTimeOdometry:
         if begins - last <= max(self._settings.pause, _PAUSE * usual) or self._is_given(last, begins):
             return False
         turns = self._imu.turns(np.array([last, begins]))
-        return not (len(turns.information) and bool((turns.information > 0).all()))
+        return not (len(turns.information) and bool((turns.information[:, 0] > 0).all()))
 
     def _is_given(self, begin: float, end: float) -> bool:
         """Whether another system tells the motion between two times (s)."""

@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 from data.trajectory.stamps import NS
 from sgslam.config import OdometrySettings
 from sgslam.geometry.frames import inverse, squared_up
+from sgslam.inertial import Steps
 from sgslam.odometry.base import GAP_NS, steady_motion
-from sgslam.registration.motion_prior import Steps, moved_on, velocity_between
+from sgslam.registration.motion_prior import moved_on, velocity_between
 from sgslam.serialization import Stateful
 from sgslam.types import Registration
 

@@ -150,20 +150,14 @@ def _usual(at: Floats, seconds: Floats, heights: Floats, variances: Floats, weig
     ones counting for more."""
     counts = 1 / (variances + weights.sway**2)
     sums = np.column_stack([counts * heights, counts])
-    before, after = (_faded(seconds, sums, at, weights.sway_memory), _faded(-seconds, sums, -at, weights.sway_memory))
-    both = before + after
+    both = _faded(seconds, sums, at, weights.sway_memory)
+    both += _faded(-seconds[::-1], sums[::-1], -at[::-1], weights.sway_memory)[::-1]
     return np.asarray(both[:, 0] / both[:, 1])
 
 
+@compiled
 def _faded(seconds: Floats, sums: Floats, at: Floats, memory: float) -> Floats:
     """(K, 2) at each of `at`, the `sums` (N, 2) of all earlier times, faded exponentially."""
-    forward = seconds[-1] >= seconds[0]
-    order, places = (slice(None), np.arange(len(at))) if forward else (slice(None, None, -1), np.arange(len(at))[::-1])
-    return _fade(seconds[order], sums[order], at[places], memory)[np.argsort(places)]
-
-
-@compiled
-def _fade(seconds: Floats, sums: Floats, at: Floats, memory: float) -> Floats:
     found, kept, then, i = np.zeros((len(at), 2)), np.zeros(2), at[0], 0
     for k in range(len(at)):
         kept *= math.exp(-(at[k] - then) / memory)
