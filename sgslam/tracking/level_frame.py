@@ -24,11 +24,10 @@ class LevelFrame(Stateful):
     """`likely_up` (3,) is the best answer so far, in the frame of the first pose, at first the mount's.
 
     Surfaces show the axis, and an accelerometer which end of it is up; without one it is the end nearer to the mount.
-    `sure` tells whether that is good enough, and `known` that it is settled. `advice` is a line where the stated mount
-    proves wrong, else None.
+    `sure` tells whether that is good enough. `advice` is a line where the stated mount proves wrong, else None.
     """
 
-    _STATE = ("known", "sure", "likely_up", "advice", "_looked_ns", "_measured")
+    _STATE = ("sure", "likely_up", "advice", "_looked_ns", "_measured")
 
     def __init__(self, settings: TrackingSettings) -> None:
         self._settings = settings
@@ -36,7 +35,7 @@ class LevelFrame(Stateful):
         # up in the first sensor's axes, if the carrier stands upright
         self._expected: Floats = Rotation.from_euler("ZYX", (yaw, pitch, roll), degrees=True).as_matrix()[2]
         self.likely_up = self._expected
-        self.known, self.sure = False, False
+        self.sure = False
         self.advice: str | None = None
         self._looked_ns: int | None = None  # the stamp of the last attempt
         self._measured: Floats | None = None  # up by an accelerometer
@@ -75,7 +74,6 @@ class LevelFrame(Stateful):
 
     def settle(self, scans: list[TrackedScan]) -> None:
         """Ends the search with all scans; where nothing is found, up is where the mount says."""
-        self.known = True
         seen, measured = self._seen(scans), self._measured
         if seen is None and measured is None:
             self.likely_up = self._expected
@@ -112,7 +110,5 @@ class LevelFrame(Stateful):
         poses = [T_first_odom @ scan.T_odom_sensor for scan in scans]
         for scan, T_first_sensor in zip(scans, poses, strict=True):
             surfels.add_scan(few_points(scan.registration, scan.raw.points, self._settings), T_first_sensor)
-        places, measured = np.stack(poses)[:, :3, 3], self._measured
-        if measured is not None:
-            return find_gravity(surfels.surfels(), places, measured, True)
-        return find_gravity(surfels.surfels(), places, self._expected, self._settings.mount is not None)
+        expected = self._expected if self._measured is None else self._measured
+        return find_gravity(surfels.surfels(), np.stack(poses)[:, :3, 3], expected, not self.is_way_up_assumed)
