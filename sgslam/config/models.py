@@ -71,7 +71,7 @@ class SurfaceSettings(Settings):
     guessed_height: float = Field(1.0, gt=0)
     """m, assumed height of the sensor above the floor until the floor is detected"""
     split: float = Field(0.06, gt=0)
-    """m, distance from the chord at which a chain of points is split"""
+    """m, distance from the chord at which a chain of points is split, and of a wall's points from its plane"""
     min_columns: int = Field(5, ge=3)
     """minimum number of columns of the virtual scan in a wall segment"""
     min_length: float = Field(0.35, gt=0)

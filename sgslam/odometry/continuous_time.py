@@ -147,14 +147,12 @@ class ContinuousTimeOdometry:
         last, begins, ends = self._course.beliefs[-1].seconds, float(scan.knot_seconds[0]), float(scan.knot_seconds[-1])
         usual = self._course.interval
         self._go_on(interval=min(usual, ends - last))
-        if begins - last <= max(self._settings.pause, _PAUSE * usual) or self._is_given(last, begins):
+        if begins - last <= max(self._settings.pause, _PAUSE * usual):
+            return False
+        if self._given is not None and self._given.tells(self._first_ns, last, begins):
             return False
         turns = self._imu.turns(np.array([last, begins]))
         return not (len(turns.information) and bool((turns.information[:, 0] > 0).all()))
-
-    def _is_given(self, begin: float, end: float) -> bool:
-        """Whether another system tells the motion between two times (s)."""
-        return self._given is not None and self._given.tells(self._first_ns, begin, end)
 
     def _solved(self, scans: list[TimedPoints]) -> tuple[Solved, list[int]]:
         """The knots of a window, and the index of each scan's first one; tried again where the result is suspicious."""

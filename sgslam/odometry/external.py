@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from data.common.errors import UserError
 from data.trajectory import Trajectory
 from data.trajectory.stamps import NS, ns_to_seconds
-from sgslam.odometry.base import GAP_NS
+from sgslam.odometry.base import GAP_NS, SCAN_S
 
 Floats = NDArray[np.float64]
-_BEYOND_NS = NS // 10  # extrapolation before the first pose and after the last, for the time of one scan
+_BEYOND_NS = round(SCAN_S * NS)  # extrapolation before the first pose and after the last
 
 
 class ExternalOdometry:

@@ -11,7 +11,7 @@ from data.trajectory.stamps import NS
 from sgslam.config import OdometrySettings
 from sgslam.geometry.frames import inverse, squared_up
 from sgslam.inertial import Steps
-from sgslam.odometry.base import GAP_NS, steady_motion
+from sgslam.odometry.base import GAP_NS, SCAN_S, steady_motion
 from sgslam.registration.motion_prior import moved_on, velocity_between
 from sgslam.serialization import Stateful
 from sgslam.types import Registration
@@ -22,7 +22,6 @@ _BEYOND = 0.1  # of a step: so far before the first pose and after the last, the
 _KEPT_NS = 300 * NS  # longer than one waits for a lost sensor
 _LEAST = 1e-6  # of the usual variance, the least that is believed
 _EXACT = 1e-8  # rad2 and m2, of a pose that is taken as it is; what its steps err is for the map to say
-_SHORTEST = 0.1  # s; the velocity of a shorter step is that of its error
 
 
 class GivenMotion(Stateful):
@@ -57,7 +56,7 @@ class GivenMotion(Stateful):
         if self._poses:
             seconds = (stamp_ns - self._stamps_ns[-1]) / NS
             before, self._step = self._step, np.asarray(velocity_between(self._poses[-1], pose, seconds))
-            share = min(seconds / _SHORTEST, 1.0)
+            share = min(seconds / SCAN_S, 1.0)  # the velocity of a shorter step is that of its error
             self._is_outlier = all(self._differs(share * (self._step - known)) for known in (self._velocity, before))
             if self._is_outlier:
                 self._warn(stamp_ns, seconds)

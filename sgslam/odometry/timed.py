@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from data.scans.point_times import BEFORE_STAMP, Stamped
 from sgslam.geometry.frames import inverse, squared_up
-from sgslam.odometry.base import State
+from sgslam.odometry.base import SCAN_S, State
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.perception.point_times import guessed_times
 from sgslam.registration.motion_prior import velocity_between
@@ -21,7 +21,6 @@ Floats = NDArray[np.float64]
 Kind = Literal["snapshot", "order"]
 Kinds = Literal["auto", "snapshot", "order"]
 _log = logging.getLogger(__name__)
-_DURATION = 0.1  # s, of a scan, until a second one shows the interval; most sensors turn ten times a second
 _MOVING = 0.3  # m/s or rad/s; slower, a scan looks alike either way
 _MOST = 0.3  # evidence of one scan: the scans after it are not independent
 # Sum of the evidence, natural logarithm, that decides. In 24 drives of rolling scans it was at least -2.0,
@@ -123,7 +122,7 @@ class TimedOdometry(Stateful):
     def _guessed(self, points: Floats) -> Floats:
         """The times of points (N, 3) by their order: of a spinning sensor, or else one after another. Where a spinning
         sensor's points are in another order, all are taken as measured in the scan's middle."""
-        duration_s = self._duration_s if np.isfinite(self._duration_s) else _DURATION
+        duration_s = self._duration_s if np.isfinite(self._duration_s) else SCAN_S  # of the first scan
         found, began = guessed_times(points, duration_s), -self._before_stamp * duration_s
         self._spins = self._spins or found is not None
         if found is not None:

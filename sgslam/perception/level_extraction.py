@@ -12,7 +12,7 @@ _LEVEL = float(np.cos(np.radians(6.0)))  # of a surfel's normal and the vertical
 _SLOPE = 0.005  # rad, standard deviation of a slope: floors are level to 5 mm/m, the frame to 0.2 degrees
 _STEEPEST = 0.03  # rad, of a surface that counts as level, with what the attitude errs
 _MOST = 50.0  # points that a surfel counts for: those of one patch share errors
-_INLIER = 0.05  # m from the plane
+INLIER = 0.05  # m from the plane
 _LEAST_AREA = 0.75  # m2, of a surface; a tread of a stair has 0.3
 _CELL = 0.5  # m, of the grid in which the area is counted
 
@@ -69,7 +69,7 @@ def _fits(points: Floats, weights: Floats) -> list[tuple[float, Floats, Floats, 
         design = np.column_stack([np.ones(len(points)), points[:, :2]])
         covariance = np.eye(3)
         for _ in range(3):
-            inlier = np.abs(points[:, 2] - design @ solution) < _INLIER
+            inlier = np.abs(points[:, 2] - design @ solution) < INLIER
             weighted = design[inlier].T * (weights[inlier] / RANGE_NOISE**2)
             covariance = np.linalg.inv(weighted @ design[inlier] + np.diag([1e-6, 1 / _SLOPE**2, 1 / _SLOPE**2]))
             solution = covariance @ weighted @ points[inlier, 2]
@@ -79,7 +79,7 @@ def _fits(points: Floats, weights: Floats) -> list[tuple[float, Floats, Floats, 
         is_level = np.hypot(*solution[1:]) < _STEEPEST
         if is_level and not rough and _area(points[inlier]) >= _LEAST_AREA:
             found.append((float(solution[0]), solution[1:], covariance, points[inlier]))
-        near = np.abs(points[:, 2] - design @ solution) < 2 * _INLIER
+        near = np.abs(points[:, 2] - design @ solution) < 2 * INLIER
         near |= inlier | (np.abs(points[:, 2] - _peak(points[:, 2], weights)) < RANGE_NOISE)
         points, weights = points[~near], weights[~near]
     return found

@@ -11,7 +11,6 @@ from sgslam.config import SurfaceSettings
 from sgslam.config.sensor import RANGE_NOISE
 from sgslam.perception.column_scan import ColumnScan, Contour, Floats, contour, split_chains
 
-_INLIER = 0.06  # m from the plane
 _PLUMB = 0.004  # rad, standard deviation of a wall from the vertical: 2 mm/m, and what the attitude errs
 _UPRIGHT = np.diag([0.0, 0.0, 1 / _PLUMB**2])  # 1/rad2
 
@@ -76,7 +75,7 @@ def fit_wall(points: Floats, first: Floats, last: Floats, settings: SurfaceSetti
     count = everything[0, 0]
     level = everything[0, 2] / max(count, 1.0)
     solution = np.zeros(3)
-    for tolerance in (_INLIER, 0.75 * _INLIER):
+    for tolerance in (settings.split, 0.75 * settings.split):
         moments, low, high = _moments(points, *near, level, solution, tolerance)
         if moments[0, 0] < 2 * settings.min_columns:
             return None

@@ -12,6 +12,7 @@ from sgslam.config.sensor import RANGE_NOISE
 from sgslam.geometry.normal_equations import principal_axes
 from sgslam.inertial import steadied
 from sgslam.registration.points import UNKNOWN
+from sgslam.surfels.cells import HALF, SIDES, key_of
 from sgslam.types import TimedPoints, UnsteadyTurn
 
 Floats = NDArray[np.float64]
@@ -21,7 +22,6 @@ _FIRST_SIDE, _FINEST_SIDE = 0.03, 0.05  # m between the points that are used: in
 _PATCH = 0.25  # m, of the cells whose points show the normal of a scan's surface
 _LEAST = 8  # points of such a cell
 _FLAT = 4.0  # times the variance across, that along a surface in its narrower direction at least
-_HALF = 2.0**20  # cells, so that no index is negative
 SHORTEST = 1e-3  # s; a shorter scan is a snapshot
 
 
@@ -98,7 +98,7 @@ def _cells(points: Floats, side: float, nearest: float, farthest: float) -> tupl
 @compiled
 def _key(x: float, y: float, z: float) -> int:
     """The key of the cell of side 1 that holds a point."""
-    return (((int(x + _HALF) << 21) | int(y + _HALF)) << 21) | int(z + _HALF)
+    return key_of((int(x + HALF), int(y + HALF), int(z + HALF)), len(SIDES) - 1)
 
 
 @compiled

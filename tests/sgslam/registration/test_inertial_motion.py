@@ -119,7 +119,7 @@ def test_the_biases_are_found_by_registration() -> None:
 def test_up_is_known_after_a_second_of_walking_in_either_unit_of_force(unit: float, scans: int, told: bool) -> None:
     samples, poses = felt(walking), walking(SECONDS)
     imu = buffer(ImuSamples(samples.stamps_ns, samples.gyro, samples.accel / unit))
-    up = measured_up(imu, np.rint(SECONDS[:scans] * 1e9).astype(np.int64), inverse(poses[0]) @ poses[:scans])
+    up = measured_up(imu, np.rint(SECONDS[:scans] * 1e9).astype(np.int64), inverse(poses[0]) @ poses[:scans], 1.6)
     assert (up is not None) == told
     assert up is None or np.degrees(np.arccos(up @ poses[0, 2, :3])) < 2.0
 
