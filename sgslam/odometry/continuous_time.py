@@ -167,8 +167,8 @@ class ContinuousTimeOdometry:
             Weights.of(settings),
         )  # fmt: skip
 
-        def attempt(guess: Guess, kernel: float, iterations: int) -> Solved:
-            return solve(window, np.stack([*at.known, *guess]), kernel, iterations)
+        def attempt(guess: Guess, kernel: float, iterations: int, every: int) -> Solved:
+            return solve(window, np.stack([*at.known, *guess]), kernel, iterations, every)
 
         def fits_well(solved: Solved) -> bool:
             return fits(solved, course.usual, settings)

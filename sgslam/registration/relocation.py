@@ -20,7 +20,8 @@ Guess = list[Floats]  # the poses (4, 4) of the knots that are not known yet
 
 _LOST_TURNS = (-60.0, -30.0, 30.0, 60.0, 90.0)  # degrees about each axis, while the sensor was lost
 _SWINGS = (-36.0, -18.0, 18.0, 36.0)  # degrees from the prediction: a hand turns back by as much within a scan
-_FEW = 4  # iterations that show which of many predictions lead to the map
+_FEW = 4  # iterations that show which of many predictions lead to the map,
+_SAMPLE = 4  # with one of so many points
 _FINISHED = 2  # of these predictions, so many
 
 _MOST = 300  # points that are compared for each pose of the grid
@@ -34,11 +35,11 @@ _BEFORE = 0.5  # m before its end, a ray may meet the surface that it has measur
 
 
 def best_attempt(
-    attempt: Callable[[Guess, float, int], Solved], fits: Callable[[Solved], bool], ahead: Guess,
+    attempt: Callable[[Guess, float, int, int], Solved], fits: Callable[[Solved], bool], ahead: Guess,
     stopped: Guess | None, given: Guess | None, was_lost: bool, turn_known: bool, settings: TrackingSettings,
 ) -> Solved:  # fmt: skip
-    """The best result of `attempt`, which registers a scan from predicted poses (4, 4) of its knots, with a kernel (m)
-    and a largest number of iterations.
+    """The best result of `attempt`, which registers a scan from predicted poses (4, 4) of its knots, with a kernel (m),
+    a largest number of iterations, and one of so many points.
 
     Those `ahead` are expected. If the result does not fit, they are tried with a wide kernel, as is a sensor that
     `stopped`, unless it is known by an accelerometer that it did not, or moved as another system has `given`, or turned
@@ -48,13 +49,13 @@ def best_attempt(
 
     def closest(best: Solved, guesses: list[Guess]) -> Solved:
         if len(guesses) > _FINISHED:
-            close = np.array([attempt(guess, settings.wide_kernel, _FEW).close for guess in guesses])
+            close = np.array([attempt(guess, settings.wide_kernel, _FEW, _SAMPLE).close for guess in guesses])
             chosen = np.argsort(close, kind="stable")[-_FINISHED:]
-            guesses = [guesses[i] for i in sorted(chosen) if close[i] > best.close]
-        finished = [attempt(guess, settings.wide_kernel, settings.iterations) for guess in guesses]
+            guesses = [guesses[i] for i in sorted(chosen) if _SAMPLE * close[i] > best.close]
+        finished = [attempt(guess, settings.wide_kernel, settings.iterations, 1) for guess in guesses]
         return max([best, *finished], key=lambda solved: solved.close)
 
-    best = attempt(ahead, settings.first_kernel, settings.iterations)
+    best = attempt(ahead, settings.first_kernel, settings.iterations, 1)
     if fits(best):
         return best
     turned = [] if stopped is None or turn_known or not was_lost else _turned(stopped, _LOST_TURNS)

@@ -182,8 +182,9 @@ def window_knots(begin: float, scans: list[Floats]) -> tuple[Floats, list[int]]:
     return np.array(seconds), firsts
 
 
-def solve(window: Window, predicted: Floats, first_kernel: float, iterations: int) -> Solved:
-    """Estimates all knots of a window from the `predicted` ones (K, 4, 4), in so many iterations at most.
+def solve(window: Window, predicted: Floats, first_kernel: float, iterations: int, every: int = 1) -> Solved:
+    """Estimates all knots of a window from the `predicted` ones (K, 4, 4), in so many iterations at most, by one of
+    `every` so many points.
 
     The robust kernel of the newest scan follows its residuals, from `first_kernel` to that of the weights (m). A
     point's place counts as known to the difference. See `_solve`.
@@ -191,7 +192,9 @@ def solve(window: Window, predicted: Floats, first_kernel: float, iterations: in
     knots, n = predicted.copy(), 6 * len(predicted)
     plane_of = window.plane_of.copy()
     H, measured = np.empty((n, n)), np.empty((n, n))
-    count, moved_by, residual, found, close = _solve(window, knots, plane_of, first_kernel, iterations, H, measured)
+    count, moved_by, residual, found, close = _solve(
+        window, knots, plane_of, first_kernel, iterations, every, H, measured
+    )
     return Solved(
         window.at, knots, predicted, H, measured, plane_of[window.begins[-2] :], found, close, residual, count,
         moved_by < window.weights.convergence, max(window.weights.kernel, SIGMA * residual),
@@ -200,8 +203,9 @@ def solve(window: Window, predicted: Floats, first_kernel: float, iterations: in
 
 @compiled
 def _solve(
-    window: Window, knots: Floats, plane_of: Ints32, first_kernel: float, iterations: int, H: Floats, measured: Floats
-) -> tuple[int, float, float, int, int]:
+    window: Window, knots: Floats, plane_of: Ints32, first_kernel: float, iterations: int, least: int, H: Floats,
+    measured: Floats,
+) -> tuple[int, float, float, int, int]:  # fmt: skip
     """Moves the knots, and fills in the planes of the points, the information H and what of it is `measured`.
 
     Returns the number of iterations, the last step, and what `point_equations` does of the newest scan. A scan's
@@ -213,12 +217,12 @@ def _solve(
     moved, strayed = np.full(scans, np.inf), np.zeros(scans)  # since the equations, and the planes
     g, F, error, kernel = np.empty(n), np.empty((6, 6)), first_kernel - weights.kernel, first_kernel
     residual, found, close, moved_by, count = np.inf, 0, 0, np.inf, 0
-    coarse = 1 if len(window.turns.information) else _COARSE
+    coarse = max(least, 1 if len(window.turns.information) else _COARSE)
     while count < iterations and (moved_by >= weights.convergence or count < 2):
         count += 1
         for s in range(scans):
             is_newest = s == scans - 1
-            every = coarse if count == 1 else 1
+            every = coarse if count == 1 else least
             if moved[s] <= (weights.convergence if is_newest else _SETTLED):
                 continue
             own, first = slice(window.begins[s], window.begins[s + 1]), window.firsts[s]
@@ -231,8 +235,8 @@ def _solve(
                 window.surfels, window.oldest, error if is_newest else 0.0, kernel if is_newest else weights.kernel,
                 weights, own_H[s], own_g[s], own_F[s],
             )  # fmt: skip
-            moved[s] = 0.0 if every == 1 else np.inf  # all of its points are to be looked at
-            if is_newest and every > 1:
+            moved[s] = 0.0 if every == least else np.inf  # more of its points are to be looked at
+            if is_newest and every > least:
                 strayed[s] = np.inf
             if is_newest:
                 residual, found, close = result

@@ -11,7 +11,6 @@ Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
 
 _LEAST = 6  # points that a plane needs
-_GROWN = 4 / 3  # times its points at the last fit: so many change a plane enough to fit it again
 FULL = 200.0  # points after which a surfel stays as it is: its mean is known to a millimetre
 _THICK = 0.06  # m, the largest standard deviation across a plane: furniture and corners are none
 _FLAT = 9.0  # times the variance across, that along the plane in its narrower direction at least
@@ -20,8 +19,8 @@ _UNEVEN = 2.0  # times the usual variance across planes, that of one that is not
 _BELIEVED = 5.0  # points with the noise of a range, added to a plane's own: few may spread less by chance
 _EXTENT = 2.0  # times the standard deviation of a plane's points along it, its half width: beyond, it was not seen
 GRAZING = 0.1  # sine of the angle between rays and plane, at least: one ring around a corner of a room is none
-# columns of a surfel's sums; the last is the number of points at the last fit
-COUNT, SUM, SQUARES, RAY, FITTED = 0, 1, 4, 10, 13
+# columns of a surfel's sums; CHANGED is 1 until its plane is fitted again
+COUNT, SUM, SQUARES, RAY, CHANGED = 0, 1, 4, 10, 13
 SUMS = 14
 # Columns of a surfel's plane, a cache line. The second axis is the normal times the first. The halves (m) are those of
 # the extent along the axes. The plane's variance is that at its mean, ACROSS that of its points. SEEN is the way (m)
@@ -31,16 +30,12 @@ PLANE = 16
 
 
 @compiled
-def has_grown(sums: Floats, s: int) -> bool:
-    """Whether a surfel has so many more points than at the last fit that its plane is another one."""
-    return bool(sums[s, COUNT] >= max(_LEAST, _GROWN * sums[s, FITTED]) or sums[s, FITTED] < sums[s, COUNT] == FULL)
-
-
-@compiled
 def fit_plane(sums: Floats, planes: Floats32, s: int) -> None:
     """Fits the plane through a surfel's points, its normal towards the sensor."""
     n = sums[s, COUNT]
-    sums[s, FITTED], planes[s, VALID] = n, 0.0
+    sums[s, CHANGED], planes[s, VALID] = 0.0, 0.0
+    if n < _LEAST:
+        return
     x, y, z = sums[s, SUM] / n, sums[s, SUM + 1] / n, sums[s, SUM + 2] / n
     xx, xy, xz = sums[s, SQUARES] / n - x * x, sums[s, SQUARES + 1] / n - x * y, sums[s, SQUARES + 2] / n - x * z
     yy, yz, zz = sums[s, SQUARES + 3] / n - y * y, sums[s, SQUARES + 4] / n - y * z, sums[s, SQUARES + 5] / n - z * z

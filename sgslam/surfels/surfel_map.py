@@ -15,6 +15,7 @@ from sgslam.serialization import Stateful
 from sgslam.surfels.cells import CELLS, SIDES, cell_of, key_of, place_of, rehash, within_block
 from sgslam.surfels.planes import (
     AXIS,
+    CHANGED,
     COUNT,
     FULL,
     MEAN,
@@ -28,7 +29,6 @@ from sgslam.surfels.planes import (
     SUMS,
     VALID,
     fit_plane,
-    has_grown,
 )
 from sgslam.surfels.search import Surfels
 
@@ -118,9 +118,9 @@ def _add(
     points: Floats, rays: Floats, table: Ints, cells: Ints32, sums: Floats, planes: Floats32, count: int, blocks: int,
     way: float, memory: float,
 ) -> tuple[int, int]:  # fmt: skip
-    """Adds points to the sums of their cells and fits the planes that have grown; returns the numbers of surfels and of
+    """Adds points to the sums of their cells and fits their planes; returns the numbers of surfels and of
     blocks."""
-    grown, changed = np.empty(len(SIDES) * len(points), np.int64), 0
+    touched, changed = np.empty(len(SIDES) * len(points), np.int64), 0
     for p in range(len(points)):
         x, y, z = points[p, 0], points[p, 1], points[p, 2]
         rx, ry, rz = rays[p, 0], rays[p, 1], rays[p, 2]
@@ -161,10 +161,10 @@ def _add(
             sums[s, RAY] += rx
             sums[s, RAY + 1] += ry
             sums[s, RAY + 2] += rz
-            if has_grown(sums, s):
-                grown[changed] = s
+            if sums[s, CHANGED] == 0:
+                sums[s, CHANGED] = 1
+                touched[changed] = s
                 changed += 1
     for i in range(changed):
-        if has_grown(sums, grown[i]):
-            fit_plane(sums, planes, grown[i])
+        fit_plane(sums, planes, touched[i])
     return count, blocks
