@@ -44,10 +44,6 @@ class TimedPoints:
         """The same points, measured so many seconds later."""
         return TimedPoints(self.points, self.seconds + seconds, self.knot_seconds + seconds, self.plane_of)
 
-    def reversed(self) -> "TimedPoints":
-        """The same points, as time runs backwards."""
-        return TimedPoints(self.points, -self.seconds, -self.knot_seconds[::-1], self.plane_of)
-
 
 @dataclass(frozen=True, eq=False)
 class UnsteadyTurn:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_matrix, diags, vstack
 from scipy.sparse.linalg import splu
 
-from sgslam.adjustment.wall_points import SIGMA_RANGE, Faces, WallPoints
+from sgslam.adjustment.wall_points import Faces, WallPoints
+from sgslam.config.sensor import RANGE_NOISE
 
 Floats = NDArray[np.float64]
 _BEGIN = 0.02, 0.002  # m and rad, standard deviations of the first pose's error, and after a gap
@@ -65,7 +66,7 @@ def _of_points(
 ) -> tuple[csc_matrix, Floats]:  # fmt: skip
     """A row for each mean of points: the wall's offset, and the keyframe's error where the points are."""
     count, n, lever = len(seen.face), seen.normal, seen.lever
-    sigma = np.hypot(SIGMA_RANGE / np.sqrt(seen.count), sigma_shared)
+    sigma = np.hypot(RANGE_NOISE / np.sqrt(seen.count), sigma_shared)
     turned = n[:, 1] * lever[:, 0] - n[:, 0] * lever[:, 1]
     entries = np.column_stack([faces.sign[seen.face], n, turned]) / sigma[:, None]
     first = walls + 3 * seen.keyframe

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.scene_graph import SceneGraph
+from sgslam.config.sensor import RANGE_NOISE
 from sgslam.geometry.frames import transform_points
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-SIGMA_RANGE = 0.02  # m, standard deviation of one point's distance from a wall: noise of ranges, texture of surfaces
 _NEAR = 0.15  # m from a planned wall; what is farther is another thing
 _FURTHEST = 12.0  # m from the sensor, beyond which its turn of half a degree moves a point by a decimetre
 _LEAST_COSINE = 0.3  # of the angle of incidence; at grazing rays the range says little of the wall's place
@@ -122,7 +122,7 @@ def _near_faces(faces: Faces, T_plan_sensor: Floats, points: NDArray[np.float32]
 def _means(rows: Floats) -> list[Floats]:
     """The means in each keyframe of what was seen of one face, (K, 7) as from `_near_faces`."""
     shift = _most(rows[:, 2])
-    rows = rows[np.abs(rows[:, 2] - shift) < 3 * SIGMA_RANGE]
+    rows = rows[np.abs(rows[:, 2] - shift) < 3 * RANGE_NOISE]
     found = []
     for own in np.split(rows, np.flatnonzero(np.diff(rows[:, 1])) + 1):
         if len(own) >= _LEAST_POINTS:
@@ -135,6 +135,6 @@ def _most(offset: Floats) -> float:
     """The distance near which most points lie."""
     edges = np.arange(-_NEAR, _NEAR + _BIN / 2, _BIN)
     counts, _ = np.histogram(offset, edges)
-    reach = np.arange(-3 * SIGMA_RANGE, 3 * SIGMA_RANGE + _BIN / 2, _BIN)
-    near = np.convolve(counts, np.exp(-0.5 * (reach / SIGMA_RANGE) ** 2), "same")
+    reach = np.arange(-3 * RANGE_NOISE, 3 * RANGE_NOISE + _BIN / 2, _BIN)
+    near = np.convolve(counts, np.exp(-0.5 * (reach / RANGE_NOISE) ** 2), "same")
     return float(edges[np.argmax(near)] + _BIN / 2)

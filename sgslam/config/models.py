@@ -23,9 +23,8 @@ class OdometrySettings(Settings):
     voxel_size: float = Field(0.3, gt=0)
     """m, voxel size of KISS-ICP's scans and local map; smaller is slower"""
     outlier_speed: float = Field(5.0, gt=0)
-    """m/s, change of the velocity of given poses beyond which a step is an outlier; a sensor is carried more slowly"""
-    outlier_turn_rate: float = Field(5.0, gt=0)
-    """rad/s, change of the angular velocity of given poses beyond which a step is an outlier"""
+    """m/s, and rad/s of a turn: change of the velocity of given poses beyond which a step is an outlier; a sensor is
+    carried more slowly"""
     given: Literal["exact", "measured"] = "exact"
     """how given poses, of other odometries too, are used: `exact` ones replace registration; of `measured` ones, the
     motion from scan to scan enters our own registration with the errors below, and predicts the pose of a lost
@@ -72,7 +71,7 @@ class SurfaceSettings(Settings):
     guessed_height: float = Field(1.0, gt=0)
     """m, assumed height of the sensor above the floor until the floor is detected"""
     split: float = Field(0.06, gt=0)
-    """m, distance from the chord at which a chain of points is split"""
+    """m, distance from the chord at which a chain of points is split, and of a wall's points from its plane"""
     min_columns: int = Field(5, ge=3)
     """minimum number of columns of the virtual scan in a wall segment"""
     min_length: float = Field(0.35, gt=0)

@@ -25,24 +25,20 @@ class TrackingSettings(Settings):
     """s, time constant with which an unobserved velocity decays; with `speed`, accelerations of 3 m/s2 for 0.1 s"""
     vertical_speed: float = Field(0.8, gt=0)
     """m/s, standard deviation of the vertical velocity, once the vertical is known; on stairs it is 0.3 to 0.5"""
-    vertical_memory: float = Field(2.0, gt=0)
-    """s, time constant with which an unobserved vertical velocity decays; on a stair no level surface may be in view"""
     sway: float = Field(0.05, gt=0)
     """m, standard deviation of a carried sensor's height over level ground; a hand sways by 0.03"""
     sway_memory: float = Field(2.0, gt=0)
-    """s, time in which the usual height counts as observed once, and time constant with which it follows the sensor"""
+    """s, time in which the usual height counts as observed once, and time constant with which it follows the sensor and
+    an unobserved vertical velocity decays; on a stair no level surface may be in view"""
     turn_rate: float = Field(1.0, gt=0)
     """rad/s, standard deviation of the sensor's angular velocity about each axis; handheld it is 0.4 to 1.5"""
     turn_memory: float = Field(0.25, gt=0)
     """s, time constant with which an unobserved angular velocity decays; a hand sways at 1 to 2 Hz"""
-    sigma_point: float = Field(0.1, gt=0)
-    """m, standard deviation of a point's distance from its surface, larger than a sensor's noise because neighbouring
-    points share errors"""
     gate: float = Field(1.2, gt=0)
     """m, maximum distance of a point from its surface"""
     kernel: float = Field(0.1, gt=0)
     """m, distance from its surface at which a point's weight is a quarter (Geman-McClure), and within which it counts
-    as explained by it"""
+    as explained by it; also its standard deviation, larger than a sensor's noise as neighbouring points share errors"""
     first_kernel: float = Field(0.25, gt=0)
     """m, `kernel` of the first iteration, wider because of the error of the prediction"""
     wide_kernel: float = Field(0.8, gt=0)

@@ -2,15 +2,15 @@
 
 from sgslam.inertial.buffer import ImuBuffer
 from sgslam.inertial.measured_motion import MeasuredMotion
-from sgslam.inertial.preintegration import NO_TURNS, Changes, Turns, no_changes, steadied
+from sgslam.inertial.preintegration import NO_STEPS, Changes, Steps, no_changes, steadied
 from sgslam.inertial.vertical import measured_up
 
 __all__ = [
-    "NO_TURNS",
+    "NO_STEPS",
     "Changes",
     "ImuBuffer",
     "MeasuredMotion",
-    "Turns",
+    "Steps",
     "measured_up",
     "no_changes",
     "steadied",

@@ -11,9 +11,9 @@ from data.imu import ImuSamples
 from data.imu.samples import GRAVITY
 from sgslam.inertial.buffer import ImuBuffer
 from sgslam.inertial.preintegration import (
-    NO_TURNS,
+    NO_STEPS,
     Changes,
-    Turns,
+    Steps,
     no_changes,
     preintegrated,
     unsteady,
@@ -62,7 +62,6 @@ class MeasuredMotion(Stateful):
 
     def __init__(self, imu: ImuBuffer) -> None:
         self._imu, self._settings, self._first_ns = imu, imu.settings, 0
-        self._runs_backwards = False
         self._gyro_bias = _Bias(self._settings.gyro_bias, _ATTITUDE)
         self._accel_bias = _Bias(self._settings.accel_bias, _VELOCITY)
         self._seen: tuple[float, Floats, Floats] | None = None  # s, attitude, velocity at the last measurement
@@ -78,24 +77,19 @@ class MeasuredMotion(Stateful):
         """Sets the stamp at which seconds are 0."""
         self._first_ns = first_ns
 
-    def backwards(self) -> "MeasuredMotion":
-        """The same, as time runs backwards; the biases are what they are now."""
-        other = MeasuredMotion(self._imu)
-        other.restore(self.state())
-        other._runs_backwards = not self._runs_backwards
-        other.lose()
-        return other
-
-    def turns(self, seconds: Floats) -> Turns:
+    def turns(self, seconds: Floats) -> Steps:
         """The turns between knots at times (K,) that increase."""
         found = [self._turn(a, b) for a, b in pairwise(seconds)]
         known = np.array([own is not None for own in found])
         if not known.any():
-            return NO_TURNS
+            return NO_STEPS
         lasted = np.diff(seconds)
-        rotations = np.stack([np.eye(3) if own is None else own[0] for own in found])
+        poses = np.tile(np.eye(4), (len(lasted), 1, 1))
+        for pose, own in zip(poses, found, strict=True):
+            pose[:3, :3] = np.eye(3) if own is None else own[0]
         bias_variance = float(np.linalg.eigvalsh(self._gyro_bias.covariance)[-1])
-        return Turns(rotations, known / (self._settings.gyro_noise**2 * lasted + bias_variance * lasted**2))
+        information = known / (self._settings.gyro_noise**2 * lasted + bias_variance * lasted**2)
+        return Steps(poses, np.column_stack([information, np.zeros(len(lasted))]))
 
     def turned(self, seconds: Floats, knots: Floats) -> Floats:
         """Knots (K, 4, 4) at times (K,), with the attitudes that follow from the first one, as far as is measured."""
@@ -134,18 +128,16 @@ class MeasuredMotion(Stateful):
         return self._at_inner(seconds, R, up)
 
     def _at_inner(self, seconds: Floats, R: Floats, up: Floats) -> Changes:
-        """The changes at the inner ones of the knots (K,); an acceleration is the same if time runs backwards."""
-        forward, step = (-seconds[::-1], -1) if self._runs_backwards else (seconds, 1)
-        samples, unit = self._samples(float(forward[0]), float(forward[-1])), self._imu.unit
+        """The changes at the inner ones of the knots (K,)."""
+        samples, unit = self._samples(float(seconds[0]), float(seconds[-1])), self._imu.unit
         if samples is None or unit is None or len(samples[0]) < 2:
             return no_changes(len(seconds) - 2)
         (at, measured), (gyro_bias, accel_bias) = samples, self.biases
         rates, forces = measured.gyro - gyro_bias, measured.accel * unit - accel_bias
-        values = velocity_changes(at, rates, forces, forward, R[::step].copy())
-        lasted = (forward[2:] - forward[:-2]) / 2
+        values = velocity_changes(at, rates, forces, seconds, R)
+        lasted = (seconds[2:] - seconds[:-2]) / 2
         values -= GRAVITY * up * lasted[:, None]
-        information = 1 / (self._settings.accel_error * lasted) ** 2
-        return Changes(values[::step].copy(), information[::step].copy())
+        return Changes(values, 1 / (self._settings.accel_error * lasted) ** 2)
 
     def follow(self, seconds: Floats, knots: Floats, changes: Changes) -> None:
         """Measures the biases by the knots (K, 4, 4) that registration finds, at times (K,): the first one is the last
@@ -184,12 +176,11 @@ class MeasuredMotion(Stateful):
 
     def _turn(self, begin: float, end: float) -> tuple[Floats, Floats] | None:
         """See `preintegrated`; None where samples are missing."""
-        low, high = (-end, -begin) if self._runs_backwards else (begin, end)
-        samples = self._samples(low, high)
+        samples = self._samples(begin, end)
         if samples is None:
             return None
-        R, J = preintegrated(samples[0], samples[1].gyro, self._gyro_bias.value, low, high)
-        return (R.T.copy(), -R @ J) if self._runs_backwards else (R, J)
+        R, J = preintegrated(samples[0], samples[1].gyro, self._gyro_bias.value, begin, end)
+        return R, J
 
     def state(self) -> dict[str, Any]:
         """See `Stateful`; with the biases."""

@@ -14,15 +14,16 @@ Floats = NDArray[np.float64]
 _STEP = 0.005  # s, of the integration; that of an IMU with 200 samples a second
 
 
-class Turns(NamedTuple):
-    """How the sensor turned from each knot to the next: `rotations` (K-1, 3, 3), from its later axes to its earlier
-    ones, and the `information` (K-1,) about each angle, 1/rad2; zero where nothing was measured."""
+class Steps(NamedTuple):
+    """How the sensor moved from each knot to the next by something else than its points: `poses` (K-1, 4, 4), from its
+    later axes to its earlier ones, and the `information` (K-1, 2) about each angle, 1/rad2, and each coordinate, 1/m2;
+    zero where nothing was measured: a gyroscope tells the turns alone."""
 
-    rotations: Floats
+    poses: Floats
     information: Floats
 
 
-NO_TURNS = Turns(np.empty((0, 3, 3)), np.empty(0))  # without a gyroscope
+NO_STEPS = Steps(np.empty((0, 4, 4)), np.empty((0, 2)))
 
 
 class Changes(NamedTuple):

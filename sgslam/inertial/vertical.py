@@ -9,12 +9,13 @@ from sgslam.inertial.buffer import ImuBuffer
 
 Floats = NDArray[np.float64]
 _SHORTEST_NS = 900_000_000  # over a shorter time the carrier's steps outweigh gravity
-_SPEED, _PLACE = 1.6, 0.03  # m/s and m, standard deviations of the first velocity and of places by registration
+_PLACE = 0.03  # m, standard deviation of places by registration
 _WRONG = 0.2  # share by which the found gravity may differ from the true one; more, and the places are wrong
 
 
-def measured_up(imu: ImuBuffer, stamps_ns: NDArray[np.int64], poses: Floats) -> Floats | None:
-    """(3,) the unit vector upwards in the frame of the poses (N, 4, 4) of the sensor at stamps (N,).
+def measured_up(imu: ImuBuffer, stamps_ns: NDArray[np.int64], poses: Floats, speed: float) -> Floats | None:
+    """(3,) the unit vector upwards in the frame of the poses (N, 4, 4) of the sensor at stamps (N,). The standard
+    deviation of the first velocity is `speed` (m/s).
 
     Twice integrated, the specific force is the way from the first place, less that by the first velocity, and by
     gravity: both are found by least squares. None where samples are missing or far from gravity, in m/s2 as in g, or
@@ -32,7 +33,7 @@ def measured_up(imu: ImuBuffer, stamps_ns: NDArray[np.int64], poses: Floats) -> 
     usual = forces.mean(axis=0)
     ways = poses[1:, :3, 3] - poses[0, :3, 3] - _twice_integrated(at, forces, seconds)[1:]
     t = seconds[1:, None]
-    rows = np.concatenate([np.hstack([t, -(t**2) / 2]) / _PLACE, [[1 / _SPEED, 0.0]]])
+    rows = np.concatenate([np.hstack([t, -(t**2) / 2]) / _PLACE, [[1 / speed, 0.0]]])
     _, gravity = np.linalg.lstsq(rows, np.concatenate([ways / _PLACE, np.zeros((1, 3))]), rcond=None)[0]
     found = gravity if abs(np.linalg.norm(gravity) / GRAVITY - 1) < _WRONG else usual
     return np.asarray(found / np.linalg.norm(found))

@@ -5,12 +5,16 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from data.trajectory.stamps import NS
 from sgslam.registration.motion_prior import moved_on, velocity_between
+from sgslam.registration.sampling import SHORTEST
 from sgslam.types import Motion
 
 Floats = NDArray[np.float64]
 State = dict[str, Any]
-_SHORTEST = 1e-3  # s; a shorter scan is a snapshot
+SCAN_S = 0.1  # how long most sensors take for a scan
+LEAST = 20  # points that a registration by others needs
+GAP_NS = NS  # a longer step between two poses does not tell how the sensor moved within it
 
 
 class Odometry(Protocol):
@@ -44,7 +48,7 @@ def steady_motion(T_odom_sensor: Floats, velocity: Floats, at: float, point_time
 
 def is_snapshot(point_times: Floats | None) -> bool:
     """Whether all points of a scan are of one instant, or their times (N,) are unknown."""
-    return point_times is None or len(point_times) < 2 or bool(np.ptp(point_times) < _SHORTEST)
+    return point_times is None or len(point_times) < 2 or bool(np.ptp(point_times) < SHORTEST)
 
 
 def end_of(point_times: Floats | None) -> float:
@@ -54,7 +58,7 @@ def end_of(point_times: Floats | None) -> float:
 
 def seconds_since(before_ns: int | None, ended_ns: int) -> float:
     """From the end of the scan before to that of a scan; 0 for the first one, at least a millisecond for any other."""
-    return 0.0 if before_ns is None else max((ended_ns - before_ns) / 1e9, _SHORTEST)
+    return 0.0 if before_ns is None else max((ended_ns - before_ns) / 1e9, SHORTEST)
 
 
 def at_stamp(T_before: Floats, T_end: Floats, seconds: float, end: float) -> Floats:

@@ -18,9 +18,9 @@ from sgslam.odometry.given_motion import GivenMotion
 from sgslam.odometry.prediction import Course, predicted, unobserved
 from sgslam.registration.beliefs import Belief, MotionModel
 from sgslam.registration.health import fits, judged, sees_through
-from sgslam.registration.motion import points_and_rays, pose_at, velocity_after
+from sgslam.registration.motion import pose_at, velocity_after
 from sgslam.registration.motion_prior import moved_on
-from sgslam.registration.points import UNKNOWN, Weights
+from sgslam.registration.points import UNKNOWN, Weights, placed
 from sgslam.registration.relocation import Guess, best_attempt, likely_poses
 from sgslam.registration.sampling import steadied_points, thinned
 from sgslam.registration.window import Solved, Window, solve
@@ -30,8 +30,6 @@ from sgslam.types import Health, Motion, Registration, TimedPoints
 Floats = NDArray[np.float64]
 _BLIND = 50  # points: fewer do not tell where a scan was taken; the sensor is covered
 _TRIED = 8  # of the likely poses of a lost sensor
-_UNSURE = 3.0  # s, at the beginning, in which a map of a few scans may mislead
-_KNOWN = 0.5  # s, after it, whose scans are the map for the first ones
 _PAUSE = 3.0  # times the usual time between scans: what is shorter is no pause
 _ROUNDS = 3  # in which the first scan is put right by the motion to the second
 _NONE = np.empty((0, 6))
@@ -61,12 +59,6 @@ class ContinuousTimeOdometry:
         self._settings, self._given = settings, given
         self._imu = imu or MeasuredMotion(ImuBuffer(ImuSettings()))  # one that never measures anything
         self._model, self._map, self._course = MotionModel(settings), SurfelMap(), Course()
-        self._early: list[TimedPoints] | None = []  # all scans so far, while the first ones may be looked back at
-
-    @property
-    def surfels(self) -> tuple[Floats, Floats, Floats]:
-        """Means (N, 3) and normals (N, 3) in `odom`, and numbers of points (N,) of all surfaces in the local map."""
-        return self._map.surfels()
 
     @property
     def residual(self) -> float:
@@ -100,8 +92,6 @@ class ContinuousTimeOdometry:
         else:
             self._go_on(scans=self._course.scans + 1, side=side)
             found = self._located(scan)
-        if self._early is not None:
-            self._early = [*self._early, scan] if began <= 2 * self._settings.gravity_until else None
         # all by seconds after the stamp
         motion = Motion(scan.knot_seconds - began, found.knots)
         return Registration(
@@ -157,14 +147,12 @@ class ContinuousTimeOdometry:
         last, begins, ends = self._course.beliefs[-1].seconds, float(scan.knot_seconds[0]), float(scan.knot_seconds[-1])
         usual = self._course.interval
         self._go_on(interval=min(usual, ends - last))
-        if begins - last <= max(self._settings.pause, _PAUSE * usual) or self._is_given(last, begins):
+        if begins - last <= max(self._settings.pause, _PAUSE * usual):
+            return False
+        if self._given is not None and self._given.tells(self._first_ns, last, begins):
             return False
         turns = self._imu.turns(np.array([last, begins]))
-        return not (len(turns.information) and bool((turns.information > 0).all()))
-
-    def _is_given(self, begin: float, end: float) -> bool:
-        """Whether another system tells the motion between two times (s)."""
-        return self._given is not None and self._given.tells(self._first_ns, begin, end)
+        return not (len(turns.information) and bool((turns.information[:, 0] > 0).all()))
 
     def _solved(self, scans: list[TimedPoints]) -> tuple[Solved, list[int]]:
         """The knots of a window, and the index of each scan's first one; tried again where the result is suspicious."""
@@ -231,7 +219,7 @@ class ContinuousTimeOdometry:
         is_new = float(scan.knot_seconds[-1]) - self._course.lost_at < self._settings.usual_memory
         if not is_new and relative >= self._settings.suspicious:
             return False
-        points = points_and_rays(Motion(scan.knot_seconds, knots), scan.points, scan.seconds)[0]
+        points = placed(scan.points, scan.seconds, scan.knot_seconds, knots)[0]
         return sees_through(points, knots[0, :3, 3], self._map.arrays, self._oldest, self._settings)
 
     def _lose(self, scan: TimedPoints, share: float) -> _Found:
@@ -245,46 +233,6 @@ class ContinuousTimeOdometry:
         self._go_on(lost=True, lost_at=float(seconds[-1]), older=None, beliefs=beliefs)
         return _Found(knots, belief.covariance, "lost", share)
 
-    def look_back(self, results: list[Registration]) -> list[Registration]:
-        """Returns the results of all scans so far, with the first ones registered again, as these had hardly any map
-        before: the later scans are the map, and they are registered to it from the last of them to the first. To be
-        called once, after some seconds."""
-        early, self._early = self._early, None
-        if early is None or len(early) != len(results) or any(result.health == "lost" for result in results):
-            return results
-        ages = np.array([scan.knot_seconds[0] - early[0].knot_seconds[0] for scan in early])
-        count = int(np.searchsorted(ages, _UNSURE))
-        if len(early) - count < 2 or ages[-1] < _UNSURE + _KNOWN:
-            return results
-        given = None if self._given is None else self._given.backwards()
-        back = ContinuousTimeOdometry(self._settings, self._imu.backwards(), given)
-        if self._model.up.any():
-            back.level(self._model.up)
-        for scan, result in zip(early[count:-1], results[count:-1], strict=True):
-            back._add(scan, result.motion.knots)
-        knots = np.concatenate([result.motion.knots for result in results[count : count + 2]])
-        seconds = np.concatenate([scan.knot_seconds for scan in early[count : count + 2]])
-        velocity, lasted = -velocity_after(Motion(seconds, knots), 0), float(seconds[1] - seconds[0])
-        back._course = Course(
-            self._course.first_ns,
-            self._course.scans,
-            [back._model.moving(-float(seconds[0]), knots[0], 1e-2, velocity, lasted)],
-            usual=self._course.usual,
-            height=self._course.height,
-        )
-        again = []
-        for scan, result in zip(early[:count][::-1], results[:count][::-1], strict=True):
-            found = back._located(scan.reversed())
-            motion = Motion(result.motion.seconds, found.knots[::-1].copy())
-            own = found._asdict() | {"knots": motion, "T_odom_sensor": pose_at(motion, 0.0)}
-            again.append(replace(result, motion=own.pop("knots"), **own))
-        if any(result.health == "lost" for result in again):
-            return results
-        if back._course.older is not None:
-            back._add(back._course.older, back._course.older_knots)
-        self._map = back._map
-        return [*again[::-1], *results[count:]]
-
     def rejoin(self, other: "ContinuousTimeOdometry") -> bool:
         """Tries to register the scan that `other` registered last near the place where the sensor was lost, and
         continues from there. Returns whether it fits."""
@@ -295,8 +243,8 @@ class ContinuousTimeOdometry:
         unknown = np.full_like(there.older.plane_of, UNKNOWN)  # in this map
         scan = replace(there.older, plane_of=unknown).later(later)
         # the places near the last known one where the other's newest scan would fit best
-        placed = points_and_rays(Motion(scan.knot_seconds, there.older_knots), scan.points, scan.seconds)[0]
-        seen = np.hstack([transform_points(inverse(last), placed), scan.points[:, 3:]])
+        in_odom = placed(scan.points, scan.seconds, scan.knot_seconds, there.older_knots)[0]
+        seen = np.hstack([transform_points(inverse(last), in_odom), scan.points[:, 3:]])
         near = course.beliefs[-1].T @ last
         found = []
         for T in likely_poses(seen, near, self._model.up, self._map.arrays, self._oldest, _TRIED):
@@ -314,18 +262,18 @@ class ContinuousTimeOdometry:
 
     def _add(self, scan: TimedPoints, knots: Floats) -> None:
         """Adds a scan to the map."""
-        seen = points_and_rays(Motion(scan.knot_seconds, knots), scan.points, scan.seconds)
+        seen = placed(scan.points, scan.seconds, scan.knot_seconds, knots)
         self._map.add(*seen, self._course.way, self._settings.local_map)
 
     def state(self) -> dict[str, Any]:
         """Returns the state as a tree; another instance with the same settings continues identically."""
         parts = {"map": self._map.state(), "imu": self._imu.state()}
-        return parts | {"course": dict(vars(self._course)), "up": self._model.up, "early": self._early}
+        return parts | {"course": dict(vars(self._course)), "up": self._model.up}
 
     def restore(self, state: State) -> None:
         """Restores what `state` returned."""
         self._map.restore(state["map"])
         self._imu.restore(state["imu"])
-        self._course, self._early = Course(**state["course"]), state["early"]
+        self._course = Course(**state["course"])
         if state["up"].any():
             self._model.level(state["up"])

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from data.common.errors import UserError
 from data.trajectory import Trajectory
 from data.trajectory.stamps import NS, ns_to_seconds
+from sgslam.odometry.base import GAP_NS, SCAN_S
 
 Floats = NDArray[np.float64]
-_BEYOND_NS = NS // 10  # extrapolation before the first pose and after the last, for the time of one scan
-_GAP_NS = NS  # longest gap between two poses that is interpolated
+_BEYOND_NS = round(SCAN_S * NS)  # extrapolation before the first pose and after the last
 
 
 class ExternalOdometry:
@@ -23,7 +23,6 @@ class ExternalOdometry:
         if len(trajectory) < 2:
             raise UserError(f"{name}: one pose is not an odometry; give a trajectory over all scans")
         self._trajectory, self._name = trajectory, name
-        self._steps = np.diff(trajectory.stamps_ns)
 
     @staticmethod
     def read(path: Path | str) -> "ExternalOdometry":
@@ -32,30 +31,20 @@ class ExternalOdometry:
 
     def check(self, stamps_ns: Sequence[int] | NDArray[np.int64]) -> None:
         """Raises UserError, naming the first stamp, if the trajectory does not cover all of `stamps_ns` (N,)."""
-        stamps = np.asarray(stamps_ns, dtype=np.int64)
-        bad = np.flatnonzero(~self._covered(stamps))
+        stamps, own = np.asarray(stamps_ns, dtype=np.int64), self._trajectory.stamps_ns
+        within = (stamps >= own[0] - _BEYOND_NS) & (stamps <= own[-1] + _BEYOND_NS)
+        after = np.clip(np.searchsorted(own, stamps), 1, len(own) - 1)
+        bad = stamps[~within | ((np.diff(own)[after - 1] > GAP_NS) & ~np.isin(stamps, own))]
         if bad.size:
-            raise UserError(self._uncovered(int(stamps[bad[0]]), int(bad.size), len(stamps)))
+            span = f"{ns_to_seconds(int(own[0]))} to {ns_to_seconds(int(own[-1]))} s"
+            more = f" and {len(bad) - 1} more of {len(stamps)}" if len(bad) > 1 else ""
+            what = "is in a gap of it" if own[0] <= bad[0] <= own[-1] else "lies outside"
+            raise UserError(
+                f"{self._name}: covers {span}, the scan at {ns_to_seconds(int(bad[0]))} s{more} {what}; give poses by "
+                "the scans' clock, at least one per second"
+            )
 
     def at(self, stamp_ns: int) -> Floats:
         """T_odom_sensor (4, 4) at a stamp; raises UserError where the trajectory does not cover it."""
-        if not self._covered(np.array([stamp_ns]))[0]:
-            raise UserError(self._uncovered(int(stamp_ns), 1, 1))
+        self.check([stamp_ns])
         return np.array(self._trajectory.at(np.array([stamp_ns]))[0])
-
-    def _after(self, stamps: NDArray[np.int64]) -> NDArray[np.intp]:
-        """(M,) the index of the pose after each stamp, clipped to poses with a predecessor."""
-        return np.clip(np.searchsorted(self._trajectory.stamps_ns, stamps), 1, len(self._trajectory) - 1)
-
-    def _covered(self, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
-        own = self._trajectory.stamps_ns
-        within = (stamps >= own[0] - _BEYOND_NS) & (stamps <= own[-1] + _BEYOND_NS)
-        at_a_pose = np.isin(stamps, own)
-        return within & (at_a_pose | (self._steps[self._after(stamps) - 1] <= _GAP_NS))
-
-    def _uncovered(self, stamp: int, count: int, of: int) -> str:
-        own = self._trajectory.stamps_ns
-        span = f"{ns_to_seconds(int(own[0]))} to {ns_to_seconds(int(own[-1]))} s"
-        which = f"the scan at {ns_to_seconds(stamp)} s" + (f" and {count - 1} more of {of}" if count > 1 else "")
-        what = "is in a gap of it" if own[0] <= stamp <= own[-1] else "lies outside"
-        return f"{self._name}: covers {span}, {which} {what}; give poses by the scans' clock, at least one per second"

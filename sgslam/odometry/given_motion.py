@@ -7,22 +7,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from data.trajectory.stamps import NS
 from sgslam.config import OdometrySettings
 from sgslam.geometry.frames import inverse, squared_up
-from sgslam.odometry.base import steady_motion
-from sgslam.registration.motion_prior import Steps, moved_on, velocity_between
+from sgslam.inertial import Steps
+from sgslam.odometry.base import GAP_NS, SCAN_S, steady_motion
+from sgslam.registration.motion_prior import moved_on, velocity_between
 from sgslam.serialization import Stateful
 from sgslam.types import Registration
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
-_NS = 10**9
-_GAP_NS = _NS  # a longer step does not tell how the sensor moved within it
 _BEYOND = 0.1  # of a step: so far before the first pose and after the last, the motion still counts as measured
-_KEPT_NS = 300 * _NS  # longer than one waits for a lost sensor
+_KEPT_NS = 300 * NS  # longer than one waits for a lost sensor
 _LEAST = 1e-6  # of the usual variance, the least that is believed
 _EXACT = 1e-8  # rad2 and m2, of a pose that is taken as it is; what its steps err is for the map to say
-_SHORTEST = 0.1  # s; the velocity of a shorter step is that of its error
 
 
 class GivenMotion(Stateful):
@@ -38,8 +37,7 @@ class GivenMotion(Stateful):
 
     def __init__(self, settings: OdometrySettings) -> None:
         self._usual = np.array([settings.given_sigma_rotation, settings.given_sigma_translation]) ** 2
-        self._limits = np.array([settings.outlier_turn_rate, settings.outlier_speed])
-        self._direction = 1
+        self._limit = settings.outlier_speed  # m/s and rad/s
         self._stamps_ns: list[int] = []
         self._poses: list[Floats] = []  # T_first_sensor (4, 4), in the frame of the first poses
         self._variances: list[Floats] = []  # of the step to each pose (2,): of an angle, rad2, and of a coordinate, m2
@@ -56,14 +54,14 @@ class GivenMotion(Stateful):
             variance = np.maximum(known, _LEAST * self._usual)
         pose = self._T_first_given @ T_given_sensor
         if self._poses:
-            seconds = (stamp_ns - self._stamps_ns[-1]) / _NS
+            seconds = (stamp_ns - self._stamps_ns[-1]) / NS
             before, self._step = self._step, np.asarray(velocity_between(self._poses[-1], pose, seconds))
-            share = min(seconds / _SHORTEST, 1.0)
+            share = min(seconds / SCAN_S, 1.0)  # the velocity of a shorter step is that of its error
             self._is_outlier = all(self._differs(share * (self._step - known)) for known in (self._velocity, before))
             if self._is_outlier:
                 self._warn(stamp_ns, seconds)
                 pose = np.asarray(moved_on(self._poses[-1], self._velocity, seconds))
-                variance = (self._limits * seconds) ** 2
+                variance = np.full(2, (self._limit * seconds) ** 2)
                 self._T_first_given = squared_up(pose @ inverse(T_given_sensor))
             else:
                 self._velocity = self._step
@@ -76,8 +74,7 @@ class GivenMotion(Stateful):
 
     def _differs(self, velocity: Floats) -> bool:
         """Whether a difference (6,) of velocities is more than any that a carrier makes."""
-        turn_rate, speed = np.linalg.norm(velocity.reshape(2, 3), axis=1)
-        return bool(turn_rate > self._limits[0] or speed > self._limits[1])
+        return bool(np.linalg.norm(velocity.reshape(2, 3), axis=1).max() > self._limit)
 
     def _warn(self, stamp_ns: int, seconds: float) -> None:
         """Warns of the first outlier."""
@@ -85,7 +82,7 @@ class GivenMotion(Stateful):
             turn, metres = seconds * np.linalg.norm(self._step.reshape(2, 3), axis=1)
             _log.warning(
                 "the given poses have a step of %.2f m and %.0f degrees at %.3f s, an outlier; such steps are ignored "
-                "(reported once)", metres, np.degrees(turn), stamp_ns / _NS,
+                "(reported once)", metres, np.degrees(turn), stamp_ns / NS,
             )  # fmt: skip
             self._warned = True
 
@@ -103,24 +100,17 @@ class GivenMotion(Stateful):
         rad; None where there is a gap."""
         known = slice(max(bisect_right(self._stamps_ns, begin_ns) - 1, 0), bisect_left(self._stamps_ns, end_ns) + 1)
         stamps = np.array(self._stamps_ns[known], np.int64)
-        if len(stamps) < 2 or stamps[0] > begin_ns or stamps[-1] < end_ns or np.diff(stamps).max() > _GAP_NS:
+        if len(stamps) < 2 or stamps[0] > begin_ns or stamps[-1] < end_ns or np.diff(stamps).max() > GAP_NS:
             return None
         R = Rotation.from_matrix(np.stack(self._poses[known])[:, :3, :3])
         return stamps, np.vstack([np.zeros(3), np.cumsum((R[:-1].inv() * R[1:]).as_rotvec(), axis=0)])
-
-    def backwards(self) -> "GivenMotion":
-        """The same poses, as time runs backwards."""
-        other = GivenMotion.__new__(GivenMotion)
-        other.__dict__.update(self.__dict__)
-        other._direction = -self._direction
-        return other
 
     def steps(self, first_ns: int, seconds: Floats) -> Steps:
         """The steps between knots at times (K,), as far as they are measured."""
         count = len(seconds) - 1
         poses, information = np.tile(np.eye(4), (count, 1, 1)), np.zeros((count, 2))
         for k in range(count):
-            begin, end = sorted(self._stamp_ns(first_ns, second) for second in seconds[k : k + 2])
+            begin, end = (self._stamp_ns(first_ns, second) for second in seconds[k : k + 2])
             if self._is_measured(begin, end):
                 poses[k] = self.between(first_ns, seconds[k], seconds[k + 1])
                 information[k] = 1 / self._variance_of(begin, end)
@@ -129,7 +119,7 @@ class GivenMotion(Stateful):
     def tells(self, first_ns: int, begin: float, end: float) -> bool:
         """Whether there are poses near both times, so that the motion from one to the other is known."""
         ends = np.array([[self._stamp_ns(first_ns, second)] for second in (begin, end)])
-        return len(self._poses) > 1 and bool(np.all(np.abs(ends - self._stamps_ns).min(axis=1) <= _GAP_NS))
+        return len(self._poses) > 1 and bool(np.all(np.abs(ends - self._stamps_ns).min(axis=1) <= GAP_NS))
 
     def moved(self, first_ns: int, T: Floats, begin: float, seconds: Floats) -> Floats:
         """(K, 4, 4) the poses at times (K,) of a sensor that was at T (4, 4) at the time `begin`."""
@@ -144,12 +134,12 @@ class GivenMotion(Stateful):
 
     def covariance(self, first_ns: int, begin: float, end: float) -> Floats:
         """(6, 6) of the motion from one time to another, rotation first: that of all its steps together."""
-        low, high = sorted(self._stamp_ns(first_ns, second) for second in (begin, end))
+        low, high = self._stamp_ns(first_ns, begin), self._stamp_ns(first_ns, end)
         steps = self._variances[bisect_right(self._stamps_ns, low) : bisect_left(self._stamps_ns, high) + 1]
         return np.diag(np.repeat(np.sum([self._usual, *steps], axis=0), 3))
 
     def _stamp_ns(self, first_ns: int, second: float) -> int:
-        return first_ns + self._direction * round(second * _NS)
+        return first_ns + round(second * NS)
 
     def _after(self, stamp_ns: int) -> int:
         """The index of the pose after a stamp, which has one before it."""
@@ -158,9 +148,9 @@ class GivenMotion(Stateful):
     def _at(self, stamp_ns: int) -> Floats:
         """T_given_sensor (4, 4) at a stamp."""
         after = self._after(stamp_ns)
-        begin, lasted = self._stamps_ns[after - 1], (self._stamps_ns[after] - self._stamps_ns[after - 1]) / _NS
+        begin, lasted = self._stamps_ns[after - 1], (self._stamps_ns[after] - self._stamps_ns[after - 1]) / NS
         velocity = velocity_between(self._poses[after - 1], self._poses[after], lasted)
-        return np.asarray(moved_on(self._poses[after - 1], velocity, (stamp_ns - begin) / _NS))
+        return np.asarray(moved_on(self._poses[after - 1], velocity, (stamp_ns - begin) / NS))
 
     def _is_measured(self, begin_ns: int, end_ns: int) -> bool:
         """Whether there are poses at both ends of a step, or near them, and none is far from the next."""
@@ -169,7 +159,7 @@ class GivenMotion(Stateful):
         stamps = self._stamps_ns[self._after(begin_ns) - 1 : self._after(end_ns) + 1]
         lasted = np.diff(stamps)
         beyond = max(stamps[0] - begin_ns, end_ns - stamps[-1])
-        return bool(lasted.max() <= _GAP_NS and beyond <= _BEYOND * lasted[-1])
+        return bool(lasted.max() <= GAP_NS and beyond <= _BEYOND * lasted[-1])
 
     def _variance_of(self, begin_ns: int, end_ns: int) -> Floats:
         """(2,) rad2 and m2, of a step: its share of those given."""

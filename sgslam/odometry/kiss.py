@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from sgslam.config import OdometrySettings, TrackingSettings
 from sgslam.geometry.frames import angle_of, squared_up
-from sgslam.odometry.base import State, at_stamp, end_of, is_snapshot, seconds_since
+from sgslam.odometry.base import LEAST, State, at_stamp, end_of, is_snapshot, seconds_since
 
 Floats = NDArray[np.float64]
-_LEAST = 20  # points that a registration needs
 _POINTS_PER_VOXEL = 1  # of the local map; of the least error in two drives, with the setting's voxels
 
 
@@ -35,7 +34,7 @@ class KissOdometry:
     def locate(self, stamp_ns: int, points: Floats, point_times: Floats | None = None) -> Floats:
         """See `Odometry.locate`."""
         before, end = self.T_odom_end, end_of(point_times)
-        if len(points) < _LEAST:
+        if len(points) < LEAST:
             self._kiss.last_pose = self._kiss.last_pose @ self._kiss.last_delta
         else:
             self._kiss.register_frame(points, np.empty(0) if is_snapshot(point_times) else point_times)

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.config import TrackingSettings
-from sgslam.inertial import Changes, MeasuredMotion, Turns
+from sgslam.inertial import NO_STEPS, Changes, MeasuredMotion, Steps
 from sgslam.odometry.given_motion import GivenMotion
 from sgslam.registration.beliefs import Belief, MotionModel
-from sgslam.registration.motion_prior import NO_STEPS, Steps, moved_on
+from sgslam.registration.motion_prior import moved_on
 from sgslam.registration.relocation import Guess
 from sgslam.registration.window import Solved, window_knots
 from sgslam.types import TimedPoints
@@ -78,7 +78,7 @@ class Prediction:
     ahead: Guess
     stopped: Guess | None
     given: Guess | None
-    turns: Turns
+    turns: Steps
     changes: Changes
     steps: Steps
 
@@ -86,7 +86,7 @@ class Prediction:
     def turn_known(self) -> bool:
         """Whether a gyroscope tells how the sensor turned after the known knots."""
         information = self.turns.information
-        return len(information) > 0 and bool((information[len(self.known) - 1 :] > 0).all())
+        return len(information) > 0 and bool((information[len(self.known) - 1 :, 0] > 0).all())
 
 
 def predicted(

@@ -8,16 +8,16 @@ from small_gicp import align, preprocess_points
 
 from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import angle_of, inverse, squared_up
-from sgslam.odometry.base import State, at_stamp, end_of, is_snapshot, seconds_since, steady_motion
-from sgslam.registration.motion import points_and_rays
+from sgslam.odometry.base import LEAST, State, at_stamp, end_of, is_snapshot, seconds_since, steady_motion
 from sgslam.registration.motion_prior import moved_on, velocity_between
+from sgslam.registration.points import placed
 from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
 # of the least error in two drives, of 24 settings
-_VOXEL, _REACH = 0.25, 0.3  # m: between points, and at most between a point and the one that it corresponds to
-_SCANS, _SPACING = 15, 0.3  # of the local map: the number of scans, and m or rad between them
-_LEAST = 20  # points that a registration needs
+# m: between points, and at most between two that correspond; also, m or rad, between scans of the local map
+_VOXEL, _REACH = 0.25, 0.3
+_SCANS = 15  # of the local map
 _ROUNDS = 3  # of undistorting; a scan undistorted by the step before it, and only once, diverges
 
 
@@ -45,15 +45,15 @@ class SmallGicpOdometry(Stateful):
         self.T_odom_end = np.asarray(moved_on(before, self._velocity, seconds))
         for _ in range(1 if is_snapshot(point_times) else _ROUNDS):
             source, _ = preprocess_points(self._undistorted(points, point_times), _VOXEL)
-            if not self._window or source.size() < _LEAST:
+            if not self._window or source.size() < LEAST:
                 break
             if self._target is None:
-                self._target = preprocess_points(np.concatenate([placed for _, placed in self._window]), _VOXEL)
+                self._target = preprocess_points(np.concatenate([own for _, own in self._window]), _VOXEL)
             (target, tree), guess = self._target, self.T_odom_end
             found = align(target, source, tree, guess, registration_type="GICP", max_correspondence_distance=_REACH)
             self.T_odom_end = squared_up(found.T_target_source)
             self._velocity = np.asarray(velocity_between(before, self.T_odom_end, seconds))
-        if source.size() >= _LEAST:
+        if source.size() >= LEAST:
             self._add(source.points()[:, :3])
         return at_stamp(before, self.T_odom_end, seconds, end)
 
@@ -64,13 +64,14 @@ class SmallGicpOdometry(Stateful):
         if point_times is None:
             return points[within]
         motion = steady_motion(T, self._velocity, end_of(point_times), point_times)
-        return np.asarray((points_and_rays(motion, points[within], point_times[within])[0] - T[:3, 3]) @ T[:3, :3])
+        in_odom = placed(points[within], point_times[within], motion.seconds, motion.knots)[0]
+        return np.asarray((in_odom - T[:3, 3]) @ T[:3, :3])
 
     def _add(self, points: Floats) -> None:
         """Adds points (N, 3) of a scan to the local map if it is far enough from the newest one in it."""
         T = self.T_odom_end
         since = inverse(self._window[-1][0] if self._window else T) @ T
-        if not self._window or np.linalg.norm(since[:3, 3]) > _SPACING or angle_of(since) > _SPACING:
+        if not self._window or np.linalg.norm(since[:3, 3]) > _REACH or angle_of(since) > _REACH:
             self._window = [*self._window, (T, points @ T[:3, :3].T + T[:3, 3])][-_SCANS:]
             self._target = None
 

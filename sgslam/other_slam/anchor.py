@@ -12,7 +12,7 @@ from data.common.errors import UserError
 
 _GRAPH = ".g2o"
 # a finished trajectory is taken as it is, also where its poses are metres apart
-_POSES_AS_GIVEN = ("odometry.outlier_speed=1e6", "odometry.outlier_turn_rate=1e6")
+_POSES_AS_GIVEN = "odometry.outlier_speed=1e6"
 _REGISTERED = "odometry.given=measured"  # the scans themselves tell the motion from one to the next better
 _EACH_A_KEYFRAME = "keyframes.scans=1"  # each scan made of a map shows a part of it that no other shows
 
@@ -31,7 +31,7 @@ def main(arguments: list[str] | None = None) -> int:
         return anchor_file(options)
     from sgslam.run import execute
 
-    settings = list(_POSES_AS_GIVEN)
+    settings = [_POSES_AS_GIVEN]
     settings.append(_EACH_A_KEYFRAME if options.scan_dir is None else _REGISTERED)
     options.set = [*settings, *options.set]
     return execute(options)

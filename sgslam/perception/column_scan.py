@@ -26,20 +26,14 @@ class ColumnScan:
     upright: NDArray[np.bool_]  # (N,) a neighbour above or below is at the same distance
 
 
-def sort_into_columns(points: Floats, columns: int, every: int = 1) -> ColumnScan:
-    """Sorts roughly levelled points (N, 3) by azimuth; classifies each by its neighbours in its column.
-
-    Only each `every`-th column is used.
-    """
+def sort_into_columns(points: Floats, columns: int) -> ColumnScan:
+    """Sorts roughly levelled points (N, 3) by azimuth; classifies each by its neighbours in its column."""
     # single precision is sufficient and several times faster
     x, y, z = (np.ascontiguousarray(points[:, i], dtype=np.float32) for i in range(3))
     # the x axis is at the centre of a column, not between two: beams at regular angles begin there
     azimuth = np.arctan2(y, x)
     column = (azimuth * np.float32(columns / (2 * np.pi)) + np.float32(columns / 2 + 0.5)).astype(np.uint16)
     column[column >= columns] = 0
-    if every > 1:
-        kept = np.flatnonzero(column // every * every == column)
-        points, column, x, y, z = points.take(kept, axis=0), column[kept], x[kept], y[kept], z[kept]
     distance = np.sqrt(x * x + y * y) + np.float32(1e-9)
     slope = z / distance
     # numpy sorts 16 bits stably by radix, several times faster than one comparison sort of both keys

@@ -13,20 +13,19 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 _FEWEST = 30  # surfels
-_ALIGNED = float(np.cos(np.radians(10.0)))  # of normals of one direction; a cell of a floor is level to a few degrees
-_SQUARE = float(np.sin(np.radians(10.0)))
+ALIKE = np.radians(10.0)  # between normals of one direction; a cell of a floor is level to a few degrees
+_ALIGNED, _SQUARE = float(np.cos(ALIKE)), float(np.sin(ALIKE))
 _DIRECTIONS = 6  # of surfaces that are looked at, the commonest first
 _SAMPLE = 150  # surfels that propose a direction
-_DISTINCT = float(np.cos(np.radians(20.0)))  # between candidates; of nearer ones the best fitting one counts
 _WINDOWS = np.radians([12.0, 8.0, 6.0, 6.0])  # of the robust fit, from coarse to fine
 _LEAST_FITTING = 0.3  # share of surfaces parallel or square to the vertical; under a bare roof there may be fewer
 # Concentration of the vertical about the expected one (Watson distribution of axes): most sensors stand within some
 # degrees of it, and some lie on their side. Of a stated mount only a hand's sway remains.
 _USUAL, _STATED = 1.8, 7.4
 _LEAST_ODDS = 1.5  # below, the axis is not sure
-_NEAR = float(np.cos(np.radians(45.0)))  # of the expected vertical, as it is on most carriers
+LYING = np.radians(45.0)  # off the expected vertical, farther than on most carriers
 _NORMAL_SIGMA = np.radians(4.0)  # of a surfel's normal, with what surfels of one wall have in common
-_ALIKE = 3.0  # surfels of one surface share errors: so many count as one measurement of its direction
+_PER_SURFACE = 3.0  # surfels of one surface share errors: so many count as one measurement of its direction
 _STOREY = 4.0  # m: what is seen within one storey rarely spans more
 _FACES = 0.4  # m: so near the lowest and highest points, a level surface is floor or ceiling
 _BOB = 0.03  # m: a walking person's up and down
@@ -59,9 +58,9 @@ def find_gravity(
     odds += (_STATED if is_stated else _USUAL) * towards**2
     best = int(np.argmax(odds))
     is_sure = bool(odds[best] - np.logaddexp.reduce(np.delete(odds, best)) >= _LEAST_ODDS)
-    if not is_sure and towards[best] < _NEAR:
-        best = int(np.argmax(np.where(towards > _NEAR, odds, -np.inf)))
-        if towards[best] <= _NEAR:
+    if not is_sure and towards[best] < np.cos(LYING):
+        best = int(np.argmax(np.where(towards > np.cos(LYING), odds, -np.inf)))
+        if towards[best] <= np.cos(LYING):
             return None
     return Gravity(axes[best], is_sure) if _fitting(axes[best], normals, weights) >= _LEAST_FITTING else None
 
@@ -97,7 +96,7 @@ def _axes(normals: Floats, weights: Floats) -> list[Floats]:
     refined = [_refined(start / np.linalg.norm(start), normals, weights) for start in directions + square]
     axes: list[Floats] = []
     for _, axis in sorted(refined, key=lambda found: -found[0]):
-        if all(abs(axis @ other) < _DISTINCT for other in axes):
+        if all(abs(axis @ other) < np.cos(2 * ALIKE) for other in axes):
             axes.append(axis)
     return axes
 
@@ -160,4 +159,4 @@ def _sigma(up: Floats, normals: Floats, weights: Floats) -> float:
     level, upright = weights * (cosine > _ALIGNED), weights * (cosine < _SQUARE)
     # a level surface tells both angles, an upright one that about the line in which it cuts the level
     information = np.eye(2) * level.sum() + (across * upright[:, None]).T @ across
-    return float(_NORMAL_SIGMA * np.sqrt(_ALIKE / max(np.linalg.eigvalsh(information)[0], 1e-9)))
+    return float(_NORMAL_SIGMA * np.sqrt(_PER_SURFACE / max(np.linalg.eigvalsh(information)[0], 1e-9)))

@@ -9,14 +9,13 @@ from sgslam.config import Config
 from sgslam.geometry.frames import levelling, transform_planes, transform_points
 from sgslam.perception.column_scan import ColumnScan, contour, sort_into_columns
 from sgslam.perception.gravity import refined_up
-from sgslam.perception.level_extraction import LevelObservation, extract_levels
+from sgslam.perception.level_extraction import INLIER, LevelObservation, extract_levels
 from sgslam.perception.wall_extraction import WallObservation, extract_walls
 
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
 Surfels = tuple[Floats, Floats, Floats]  # means (N, 3), normals (N, 3) and numbers of points (N,)
 _TRACKED = np.radians(1.0)  # rad, standard deviation of the tracked vertical: among people a hand-held one tilts by 3
-_THICK = 0.1  # m, three standard deviations of the noise of points beside a level surface that they lie on
 
 
 @dataclass(frozen=True)
@@ -81,7 +80,7 @@ def _off_levels(points: Floats, levels: list[LevelObservation]) -> Floats:
     if not levels:
         return points
     planes = np.stack([level.plane for level in levels])
-    return points[(np.abs(points @ planes[:, :3].T + planes[:, 3]) > _THICK).all(axis=1)]
+    return points[(np.abs(points @ planes[:, :3].T + planes[:, 3]) > 2 * INLIER).all(axis=1)]
 
 
 def _mean(a: Floats, sigma_a: float, b: Floats, sigma_b: float) -> Floats:

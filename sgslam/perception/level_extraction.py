@@ -5,15 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sgslam.config.sensor import RANGE_NOISE
+
 Floats = NDArray[np.float64]
 _LEVEL = float(np.cos(np.radians(6.0)))  # of a surfel's normal and the vertical; normals are known to 4 degrees
 _SLOPE = 0.005  # rad, standard deviation of a slope: floors are level to 5 mm/m, the frame to 0.2 degrees
 _STEEPEST = 0.03  # rad, of a surface that counts as level, with what the attitude errs
-_NOISE = 0.02  # m, of a range
 _MOST = 50.0  # points that a surfel counts for: those of one patch share errors
-_BIN = 0.02  # m, of the histogram of heights
-_INLIER = 0.05  # m from the plane
-_ROUGH = 0.02  # m, standard deviation across of what is not level, or not one surface
+INLIER = 0.05  # m from the plane
 _LEAST_AREA = 0.75  # m2, of a surface; a tread of a stair has 0.3
 CELL = 0.5  # m, of the grid in which the area is counted
 
@@ -68,26 +67,27 @@ def _fits(points: Floats, weights: Floats) -> list[tuple[float, Floats, Floats, 
         design = np.column_stack([np.ones(len(points)), points[:, :2]])
         covariance = np.eye(3)
         for _ in range(3):
-            inlier = np.abs(points[:, 2] - design @ solution) < _INLIER
-            weighted = design[inlier].T * (weights[inlier] / _NOISE**2)
+            inlier = np.abs(points[:, 2] - design @ solution) < INLIER
+            weighted = design[inlier].T * (weights[inlier] / RANGE_NOISE**2)
             covariance = np.linalg.inv(weighted @ design[inlier] + np.diag([1e-6, 1 / _SLOPE**2, 1 / _SLOPE**2]))
             solution = covariance @ weighted @ points[inlier, 2]
         across = points[inlier, 2] - design[inlier] @ solution
-        rough = np.average(across**2, weights=weights[inlier]) > _ROUGH**2 if inlier.any() else True
+        # what is not level, or not one surface, is rougher than the noise
+        rough = np.average(across**2, weights=weights[inlier]) > RANGE_NOISE**2 if inlier.any() else True
         is_level = np.hypot(*solution[1:]) < _STEEPEST
         if is_level and not rough and _area(points[inlier]) >= _LEAST_AREA:
             found.append((float(solution[0]), solution[1:], covariance, points[inlier]))
-        near = np.abs(points[:, 2] - design @ solution) < 2 * _INLIER
-        near |= inlier | (np.abs(points[:, 2] - _peak(points[:, 2], weights)) < _BIN)
+        near = np.abs(points[:, 2] - design @ solution) < 2 * INLIER
+        near |= inlier | (np.abs(points[:, 2] - _peak(points[:, 2], weights)) < RANGE_NOISE)
         points, weights = points[~near], weights[~near]
     return found
 
 
 def _peak(heights: Floats, weights: Floats) -> float:
     """The height (m) near which most points lie."""
-    edges = np.arange(heights.min() - 2 * _BIN, heights.max() + 3 * _BIN, _BIN)
+    edges = np.arange(heights.min() - 2 * RANGE_NOISE, heights.max() + 3 * RANGE_NOISE, RANGE_NOISE)
     count, _ = np.histogram(heights, edges, weights=weights)
-    return float(edges[int(np.argmax(np.convolve(count, np.ones(3), "same")))] + _BIN / 2)
+    return float(edges[int(np.argmax(np.convolve(count, np.ones(3), "same")))] + RANGE_NOISE / 2)
 
 
 def _area(points: Floats) -> float:

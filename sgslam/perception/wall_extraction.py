@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 
 from data.common.compiled import compiled
 from sgslam.config import SurfaceSettings
+from sgslam.config.sensor import RANGE_NOISE
 from sgslam.perception.column_scan import ColumnScan, Contour, Floats, contour, split_chains
 
-_NOISE = 0.02  # m, of a range; the residual of the fit is used where it is larger
-_INLIER = 0.06  # m from the plane
 _PLUMB = 0.004  # rad, standard deviation of a wall from the vertical: 2 mm/m, and what the attitude errs
 _UPRIGHT = np.diag([0.0, 0.0, 1 / _PLUMB**2])  # 1/rad2
 
@@ -76,17 +75,18 @@ def fit_wall(points: Floats, first: Floats, last: Floats, settings: SurfaceSetti
     count = everything[0, 0]
     level = everything[0, 2] / max(count, 1.0)
     solution = np.zeros(3)
-    for tolerance in (_INLIER, 0.75 * _INLIER):
+    for tolerance in (settings.split, 0.75 * settings.split):
         moments, low, high = _moments(points, *near, level, solution, tolerance)
         if moments[0, 0] < 2 * settings.min_columns:
             return None
-        covariance = np.linalg.inv(moments[:3, :3] / _NOISE**2 + _UPRIGHT)
-        solution = covariance @ moments[:3, 3] / _NOISE**2
+        covariance = np.linalg.inv(moments[:3, :3] / RANGE_NOISE**2 + _UPRIGHT)
+        solution = covariance @ moments[:3, 3] / RANGE_NOISE**2
     seen = moments[0, 0]
     if abs(solution[2]) > settings.max_tilt or count > 5 * seen:
         return None
     residual = np.array([*-solution, 1.0])
-    covariance *= max(residual @ moments @ residual / seen / _NOISE**2, 0.25)
+    # the residual of the fit, where it is larger than the noise of ranges
+    covariance *= max(residual @ moments @ residual / seen / RANGE_NOISE**2, 0.25)
     above = moments[0, 2] / seen  # of the inliers' mean height over `level`
     at_mean = np.array([1.0, 0.0, above])
     offset, sigma = float(at_mean @ solution), float(at_mean @ covariance @ at_mean)

@@ -74,7 +74,7 @@ class MotionModel:
         settings, axes = self._settings, np.eye(6)
         axes[3:, 3:] = levelling(up_in_odom)
         spread, memory = self.prior.spread.copy(), self.prior.memory.copy()
-        spread[5], memory[5] = settings.vertical_speed, settings.vertical_memory
+        spread[5], memory[5] = settings.vertical_speed, settings.sway_memory
         self.prior = MotionPrior(spread, memory, axes)
 
     def begin(self, seconds: float, T: Floats) -> Belief:
@@ -83,9 +83,9 @@ class MotionModel:
         spread[5] *= _LEVEL_START if self.up.any() else 1.0
         return Belief(seconds, T, np.eye(6) * 1e-6, np.zeros(6), self._along(spread**2))
 
-    def moving(self, seconds: float, T: Floats, sigma: float, velocity: Floats, lasted: float = 0.0) -> Belief:
-        """A pose known to `sigma` (rad and m), with a roughly known velocity, the mean of so many seconds before."""
-        return Belief(seconds, T, np.eye(6) * sigma**2, velocity, self._along((self.prior.spread / 5) ** 2), lasted)
+    def moving(self, seconds: float, T: Floats, sigma: float, velocity: Floats) -> Belief:
+        """A pose known to `sigma` (rad and m), with a roughly known velocity."""
+        return Belief(seconds, T, np.eye(6) * sigma**2, velocity, self._along((self.prior.spread / 5) ** 2))
 
     def unobserved(self, belief: Belief, seconds: float) -> Belief:
         """What remains of a belief at a later time: the pose stays, with a growing covariance. It grows from the last

@@ -1,7 +1,5 @@
 """Where a moving sensor was at any time of a scan, and its points as seen from one instant."""
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,7 +8,7 @@ from sgslam.geometry.frames import inverse, transform_points
 from sgslam.inertial import steadied
 from sgslam.registration.motion_prior import moved_on, velocity_between
 from sgslam.registration.points import placed
-from sgslam.registration.sampling import one_a_cell
+from sgslam.registration.sampling import thinned
 from sgslam.types import Motion, Registration, TrackedScan
 
 Floats = NDArray[np.float64]
@@ -31,11 +29,6 @@ def velocity_after(motion: Motion, knot: int) -> Floats:
     return np.asarray(velocity_between(motion.knots[knot], motion.knots[knot + 1], seconds))
 
 
-def points_and_rays(motion: Motion, points: Floats, seconds: Floats) -> tuple[Floats, Floats]:
-    """Points (N, 3), measured at `seconds` (N,), and the unit rays (N, 3) to them, in `odom`."""
-    return placed(points, seconds, motion.seconds, motion.knots)
-
-
 def deskewed(found: Registration, points: Floats) -> Floats:
     """The points (N, 3) of a scan as the sensor would have measured them at its stamp."""
     if found.point_times is None:
@@ -46,15 +39,13 @@ def deskewed(found: Registration, points: Floats) -> Floats:
 
 def few_points(found: Registration, points: Floats, settings: TrackingSettings) -> Floats:
     """A few of the points (N, 3) of a scan, spread evenly in space, as `deskewed` does: those that were registered."""
-    if found.used is not None:
-        return _at_stamp(found, found.used.points, found.used.seconds)
-    own = one_a_cell(points, _SIDE, settings.min_range, settings.max_range)
-    times = None if found.point_times is None else found.point_times[own]
-    return deskewed(replace(found, point_times=times), points[own])
+    few = found.used or thinned(points, found.point_times, 0.0, _SIDE, settings)[0]
+    return _at_stamp(found, few.points, few.seconds)
 
 
 def _at_stamp(found: Registration, steady: Floats, seconds: Floats) -> Floats:
-    return transform_points(inverse(found.T_odom_sensor), points_and_rays(found.motion, steady, seconds)[0])
+    in_odom = placed(steady, seconds, found.motion.seconds, found.motion.knots)[0]
+    return transform_points(inverse(found.T_odom_sensor), in_odom)
 
 
 def motion_since_begin(scan: TrackedScan) -> Floats | None:

@@ -5,29 +5,16 @@ velocity is (6,): the rotation vector and the translation, in axes of `odom`, a 
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
 from sgslam.geometry.rotations import rotated_by, turn_between
-from sgslam.inertial import Changes, Turns
+from sgslam.inertial import Changes, Steps
 
 Floats = NDArray[np.float64]
 _OUTLIER = 3.0  # standard deviations, from which on a step counts little
-
-
-class Steps(NamedTuple):
-    """How the sensor moved from each knot to the next by another system: `poses` (K-1, 4, 4), from its later axes to
-    its earlier ones, and the `information` (K-1, 2) about each angle, 1/rad2, and each coordinate, 1/m2; zero where
-    nothing was measured."""
-
-    poses: Floats
-    information: Floats
-
-
-NO_STEPS = Steps(np.empty((0, 4, 4)), np.empty((0, 2)))  # without another system
 
 
 @compiled
@@ -96,27 +83,11 @@ def _add_between(a: int, off: float, weight: float, H: Floats, g: Floats) -> Non
 
 
 @compiled
-def add_turns(knots: Floats, turns: Turns, H: Floats, g: Floats) -> None:
-    """Adds a gyroscope's turns between knots to normal equations H (6K, 6K), g (6K,)."""
-    expected = np.empty((3, 3))
-    for k in range(len(turns.information)):
-        weight = turns.information[k]
-        for i in range(3):
-            for j in range(3):
-                expected[i, j] = 0.0
-                for c in range(3):
-                    expected[i, j] += knots[k, i, c] * turns.rotations[k, c, j]
-        off = turn_between(expected, knots[k + 1])
-        for i in range(3):
-            _add_between(6 * k + i, off[i], weight, H, g)
-
-
-@compiled
 def add_steps(knots: Floats, steps: Steps, H: Floats, g: Floats) -> None:
-    """Adds another system's steps between knots to normal equations H (6K, 6K), g (6K,).
+    """Adds a gyroscope's turns or another system's steps between knots to normal equations H (6K, 6K), g (6K,).
 
-    Farther off, a step's weight falls as that of an outlier (Geman-McClure): a system may slip or lose its way. How a
-    step, a few centimetres long, turns with its first knot is left out.
+    Farther off, a system's step weighs less, as an outlier (Geman-McClure): it may slip or lose its way. How a step, a
+    few centimetres long, turns with its first knot is left out.
     """
     expected = np.empty((4, 4))
     for k in range(len(steps.information)):
@@ -131,7 +102,7 @@ def add_steps(knots: Floats, steps: Steps, H: Floats, g: Floats) -> None:
         off = velocity_between(expected, knots[k + 1], 1.0)
         size = turn_weight * (off[0] ** 2 + off[1] ** 2 + off[2] ** 2)
         size += way_weight * (off[3] ** 2 + off[4] ** 2 + off[5] ** 2)
-        robust = (1 / (1 + size / _OUTLIER**2)) ** 2
+        robust = (1 / (1 + size / _OUTLIER**2)) ** 2 if way_weight > 0.0 else 1.0
         for i in range(6):
             weight = robust * (turn_weight if i < 3 else way_weight)
             _add_between(6 * k + i, off[i], weight, H, g)

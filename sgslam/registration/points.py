@@ -27,7 +27,6 @@ SIGMA = 6.0  # times the median residual, the least sigma of a point as it is we
 class Weights(NamedTuple):
     """The part of `TrackingSettings` that the registration needs, as it names them."""
 
-    sigma_point: float
     gate: float
     kernel: float
     feigned: float
@@ -185,7 +184,7 @@ def _weighed(
         sums[of, 2] += off[p] * off[p]
     residual = float(np.median(np.abs(off)))
     kernel = min(widest, max(weights.kernel, KERNEL * residual))
-    sigma = max(weights.sigma_point, SIGMA * residual)
+    sigma = max(weights.kernel, SIGMA * residual)
     # each point's weight, and the sum of these times the misfit of their plane
     weight = np.empty(len(plane))
     for p in range(len(plane)):

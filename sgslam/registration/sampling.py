@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 
 from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
+from sgslam.config.sensor import RANGE_NOISE
 from sgslam.geometry.normal_equations import principal_axes
 from sgslam.inertial import steadied
 from sgslam.registration.points import UNKNOWN
-from sgslam.surfels.planes import NOISE
+from sgslam.surfels.cells import HALF, SIDES, key_of
 from sgslam.types import TimedPoints, UnsteadyTurn
 
 Floats = NDArray[np.float64]
@@ -21,8 +22,7 @@ _FIRST_SIDE, _FINEST_SIDE = 0.03, 0.05  # m between the points that are used: in
 _PATCH = 0.25  # m, of the cells whose points show the normal of a scan's surface
 _LEAST = 8  # points of such a cell
 _FLAT = 4.0  # times the variance across, that along a surface in its narrower direction at least
-_HALF = 2.0**20  # cells, so that no index is negative
-_SHORTEST = 1e-3  # s; a shorter scan is a snapshot
+SHORTEST = 1e-3  # s; a shorter scan is a snapshot
 
 
 def thinned(
@@ -33,7 +33,7 @@ def thinned(
     The spacing `side` (m) follows the scans: returns that of the next one. 0 for the first scan.
     """
     side = side or _FIRST_SIDE
-    own, patch_of, patches = _cells(points, side, settings.min_range, settings.max_range, _PATCH)
+    own, patch_of, patches = _cells(points, side, settings.min_range, settings.max_range)
     chosen = np.hstack([points.take(own, axis=0), _normals(patches).take(patch_of, axis=0)])
     unknown = np.full(len(own), UNKNOWN, np.int32)
     if len(own) > 1.25 * settings.points:
@@ -41,7 +41,7 @@ def thinned(
     elif len(own) < 0.8 * settings.points:
         side = max(side / 1.1, _FINEST_SIDE)
     first, last = (0.0, 0.0) if point_times is None else (float(point_times.min()), float(point_times.max()))
-    if point_times is None or last - first < _SHORTEST:
+    if point_times is None or last - first < SHORTEST:
         at = began if point_times is None else began + float(np.mean(point_times))
         return TimedPoints(chosen, np.full(len(own), at), np.array([at]), unknown), side
     pieces = math.ceil((last - first) / settings.knot_interval - 1e-3)
@@ -55,45 +55,36 @@ def steadied_points(scan: TimedPoints, turn: UnsteadyTurn) -> TimedPoints:
     return replace(scan, points=np.hstack(parts))
 
 
-def one_a_cell(points: Floats, side: float, nearest: float, farthest: float) -> Ints:
-    """The indices of the first of points (N, 3) in each cell of `side` (m), between two ranges (m)."""
-    chosen: Ints = _cells(points, side, nearest, farthest, 0.0)[0]
-    return chosen
-
-
 @compiled
-def _cells(points: Floats, side: float, nearest: float, farthest: float, patch: float) -> tuple[Ints, Ints, Floats]:
-    """As `one_a_cell` (M,); for each of these points the patch (M,) around it, a cell of side `patch` (m), and of each
-    patch (P, 10) the number of all points in it, and the sums of x, y, z, xx, xy, xz, yy, yz and zz.
-
-    Without patches where their side is 0.
-    """
-    size, per_side, per_patch = 1, 1 / side, 1 / patch
+def _cells(points: Floats, side: float, nearest: float, farthest: float) -> tuple[Ints, Ints, Floats]:
+    """The indices (M,) of the first of points (N, 3) in each cell of `side` (m), between two ranges (m); the patch (M,)
+    around each; and of each patch (P, 10) the number of all points in it, and the sums of x, y, z, xx, xy, xz, yy, yz
+    and zz."""
+    size, per_side, per_patch = 1, 1 / side, 1 / _PATCH
     while size < 2 * len(points):
         size *= 2
     table, keys, chosen = np.zeros(size, np.int32), np.empty(len(points), np.int64), np.empty(len(points), np.int64)
-    of_patch, patch_keys = np.zeros(size if patch > 0 else 1, np.int32), np.empty(len(points), np.int64)
+    of_patch, patch_keys = np.zeros(size, np.int32), np.empty(len(points), np.int64)
     sums, patch_of = np.empty((len(points), 10)), np.zeros(len(points), np.int64)
     count, patches, number, last, last_patch = 0, 0, 0, -1, -1  # neighbours are often in the same cell
     for p in range(len(points)):
         x, y, z = points[p, 0], points[p, 1], points[p, 2]
-        if patch > 0:
-            key = _key(x * per_patch, y * per_patch, z * per_patch)
-            if key != last_patch:
-                last_patch, number = key, _number_of(key, of_patch, patch_keys, patches)
-                if number == patches:
-                    sums[number] = 0.0
-                    patches += 1
-            sums[number, 0] += 1
-            sums[number, 1] += x
-            sums[number, 2] += y
-            sums[number, 3] += z
-            sums[number, 4] += x * x
-            sums[number, 5] += x * y
-            sums[number, 6] += x * z
-            sums[number, 7] += y * y
-            sums[number, 8] += y * z
-            sums[number, 9] += z * z
+        key = _key(x * per_patch, y * per_patch, z * per_patch)
+        if key != last_patch:
+            last_patch, number = key, _number_of(key, of_patch, patch_keys, patches)
+            if number == patches:
+                sums[number] = 0.0
+                patches += 1
+        sums[number, 0] += 1
+        sums[number, 1] += x
+        sums[number, 2] += y
+        sums[number, 3] += z
+        sums[number, 4] += x * x
+        sums[number, 5] += x * y
+        sums[number, 6] += x * z
+        sums[number, 7] += y * y
+        sums[number, 8] += y * z
+        sums[number, 9] += z * z
         if not nearest * nearest <= x * x + y * y + z * z <= farthest * farthest:
             continue
         key = _key(x * per_side, y * per_side, z * per_side)
@@ -107,7 +98,7 @@ def _cells(points: Floats, side: float, nearest: float, farthest: float, patch: 
 @compiled
 def _key(x: float, y: float, z: float) -> int:
     """The key of the cell of side 1 that holds a point."""
-    return (((int(x + _HALF) << 21) | int(y + _HALF)) << 21) | int(z + _HALF)
+    return key_of((int(x + HALF), int(y + HALF), int(z + HALF)), len(SIDES) - 1)
 
 
 @compiled
@@ -137,6 +128,6 @@ def _normals(patches: Floats) -> Floats:
                 patches[p, 4] / n - x * x, patches[p, 5] / n - x * y, patches[p, 6] / n - x * z,
                 patches[p, 7] / n - y * y, patches[p, 8] / n - y * z, patches[p, 9] / n - z * z,
             )  # fmt: skip
-            if values[1] > _FLAT * max(values[0], NOISE**2):
+            if values[1] > _FLAT * max(values[0], RANGE_NOISE**2):
                 normals[p, 0], normals[p, 1], normals[p, 2] = normal
     return normals

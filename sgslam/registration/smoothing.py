@@ -16,9 +16,9 @@ from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.registration.beliefs import MotionModel
 from sgslam.registration.degeneracy import project_out_feigned
-from sgslam.registration.motion import points_and_rays, pose_at
+from sgslam.registration.motion import pose_at
 from sgslam.registration.motion_prior import add_height, add_velocities
-from sgslam.registration.points import KERNEL, STRAYED, UNKNOWN, Weights, point_equations
+from sgslam.registration.points import KERNEL, STRAYED, UNKNOWN, Weights, placed, point_equations
 from sgslam.registration.window import MotionPrior, update_knots, window_knots
 from sgslam.surfels import SurfelMap, Surfels
 from sgslam.types import Motion, TimedPoints
@@ -86,7 +86,7 @@ def smoothed(
     weights, seen = Weights.of(settings), [_Seen(scan) for scan in scans]
     knots_of = [slice(first, first + len(scan.knot_seconds)) for scan, first in zip(scans, firsts, strict=True)]
     # the first pass knows the way; unknown is how a hand sways up and down, as fast as it turns
-    model = MotionModel(settings.model_copy(update={"vertical_memory": settings.turn_memory}))
+    model = MotionModel(settings.model_copy(update={"sway_memory": settings.turn_memory}))
     model.level(_UP)
     for number in range(_MAPS):
         surfels = _map_of(scans, knots_of, motion, is_known).arrays
@@ -117,9 +117,8 @@ def _map_of(scans: list[TimedPoints], knots_of: list[slice], motion: Motion, is_
     for turn in range(_TURNS):
         for i in range(turn, len(scans), _TURNS):
             if is_known[i]:
-                own = Motion(scans[i].knot_seconds, motion.knots[knots_of[i]])
-                seen = points_and_rays(own, scans[i].points.astype(np.float64), scans[i].seconds)
-                surfels.add(*seen, 0.0, 1.0)
+                points, knots = scans[i].points.astype(np.float64), motion.knots[knots_of[i]]
+                surfels.add(*placed(points, scans[i].seconds, scans[i].knot_seconds, knots), 0.0, 1.0)
     return surfels
 
 
@@ -151,20 +150,14 @@ def _usual(at: Floats, seconds: Floats, heights: Floats, variances: Floats, weig
     ones counting for more."""
     counts = 1 / (variances + weights.sway**2)
     sums = np.column_stack([counts * heights, counts])
-    before, after = (_faded(seconds, sums, at, weights.sway_memory), _faded(-seconds, sums, -at, weights.sway_memory))
-    both = before + after
+    both = _faded(seconds, sums, at, weights.sway_memory)
+    both += _faded(-seconds[::-1], sums[::-1], -at[::-1], weights.sway_memory)[::-1]
     return np.asarray(both[:, 0] / both[:, 1])
 
 
+@compiled
 def _faded(seconds: Floats, sums: Floats, at: Floats, memory: float) -> Floats:
     """(K, 2) at each of `at`, the `sums` (N, 2) of all earlier times, faded exponentially."""
-    forward = seconds[-1] >= seconds[0]
-    order, places = (slice(None), np.arange(len(at))) if forward else (slice(None, None, -1), np.arange(len(at))[::-1])
-    return _fade(seconds[order], sums[order], at[places], memory)[np.argsort(places)]
-
-
-@compiled
-def _fade(seconds: Floats, sums: Floats, at: Floats, memory: float) -> Floats:
     found, kept, then, i = np.zeros((len(at), 2)), np.zeros(2), at[0], 0
     for k in range(len(at)):
         kept *= math.exp(-(at[k] - then) / memory)

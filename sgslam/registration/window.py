@@ -10,15 +10,13 @@ from numpy.typing import NDArray
 from data.common.compiled import compiled
 from sgslam.geometry.normal_equations import solved, square_up
 from sgslam.geometry.rotations import rotated_by
-from sgslam.inertial import Changes, Turns
+from sgslam.inertial import Changes, Steps
 from sgslam.registration.degeneracy import project_out_feigned
 from sgslam.registration.motion_prior import (
-    Steps,
     add_changes,
     add_height,
     add_pose,
     add_steps,
-    add_turns,
     add_velocities,
     velocity_between,
 )
@@ -79,7 +77,7 @@ class Window(NamedTuple):
     at: Floats
     prior: Prior
     motion: MotionPrior
-    turns: Turns
+    turns: Steps
     changes: Changes
     steps: Steps
     surfels: Surfels
@@ -199,7 +197,7 @@ def solve(window: Window, predicted: Floats, first_kernel: float, iterations: in
     )
     return Solved(
         window.at, knots, predicted, H, measured, plane_of[window.begins[-2] :], found, close, residual, count,
-        moved_by < window.weights.convergence, max(window.weights.sigma_point, SIGMA * residual),
+        moved_by < window.weights.convergence, max(window.weights.kernel, SIGMA * residual),
     )  # fmt: skip
 
 
@@ -280,7 +278,7 @@ def _add_priors(window: Window, knots: Floats, H: Floats, g: Floats) -> None:
     add_velocities(
         at, knots, prior.velocity, prior.velocity_information, motion.spread, motion.memory, motion.axes, H, g
     )
-    add_turns(knots, window.turns, H, g)
+    add_steps(knots, window.turns, H, g)
     add_changes(at, knots, window.changes, H, g)
     lasted = (at[-1] - at[0]) / weights.sway_memory
     add_height(knots, prior.up, prior.height, prior.height_variance, weights.sway, lasted, H, g)

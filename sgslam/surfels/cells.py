@@ -8,18 +8,17 @@ from data.common.compiled import compiled
 Ints = NDArray[np.int64]
 
 SIDES = (1.0, 0.5, 0.25)  # m, of the cells
-_FINEST = 4.0  # cells of the finest grid in a metre
 SHIFT = 0.11  # m, of the cells: walls at round distances from where a run begins are not on their borders
 CELLS = 73  # of a block: one of the coarsest grid, then 8, then 64
 _BITS = 21  # of a cell's index along one axis
-_HALF = 2.0 ** (_BITS - 1)  # cells, so that no index is negative
+HALF = 2.0 ** (_BITS - 1)  # cells, so that no index is negative
 
 
 @compiled
 def cell_of(x: float, y: float, z: float) -> tuple[int, int, int]:
     """The indices of the cell of the finest grid that holds a point (m); none is negative."""
-    half = _HALF + SHIFT * _FINEST
-    return int(x * _FINEST + half), int(y * _FINEST + half), int(z * _FINEST + half)
+    half = HALF + SHIFT / SIDES[2]
+    return int(x / SIDES[2] + half), int(y / SIDES[2] + half), int(z / SIDES[2] + half)
 
 
 @compiled

@@ -12,10 +12,9 @@ from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
-_STEP_S = 0.01  # s between the offsets that are compared; a hand's turns change over some 0.1 s
+_STEP_S = 0.01  # s between the offsets that are compared; what a smaller one does to a hand-held map is below 1 cm
 _OFFSETS_S = _STEP_S * np.arange(-30, 31)
 _LONGEST_NS = round(1e9 * _OFFSETS_S[-1])
-_LEAST_S = 0.01  # s; what a smaller offset does to a hand-held map is below 1 cm
 _SIGMAS = 5.0  # standard deviations by which an offset must be larger; it is looked at after every scan
 _RELATED = 0.25  # squared difference at the best offset, over the mean of all; unrelated motions differ alike at all
 
@@ -49,7 +48,7 @@ class ClockOffset(Stateful):
         while self._waiting and self._waiting[0][1] + _LONGEST_NS <= stamp_ns:  # `other` is known so far
             self._compare(*self._waiting.pop(0), other)
         found = None if self.advice else self.offset_s()
-        if found is not None and abs(found[0]) > _LEAST_S + _SIGMAS * found[1]:
+        if found is not None and abs(found[0]) > _STEP_S + _SIGMAS * found[1]:
             far = f"about {1e3 * abs(found[0]):.0f} ms {'ahead of' if found[0] > 0 else 'behind'}"
             self.advice = f"the clock of {name} is {far} the scans' stamps; check --stamp"
             _log.warning("%s", self.advice)

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import inverse, levelling
-from sgslam.perception.gravity import Gravity, find_gravity
+from sgslam.perception.gravity import ALIKE, LYING, Gravity, find_gravity
 from sgslam.registration.motion import few_points
 from sgslam.serialization import Stateful
 from sgslam.surfels import SurfelMap
@@ -17,20 +17,17 @@ from sgslam.types import TrackedScan
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 _BETWEEN_NS = 1_000_000_000  # between two attempts
-_LIES = np.radians(45.0)  # of tilt: beyond it, which end is up is not sure, and surfaces show that badly
 _SWAYS = 0.5  # rad, between the sensor and its stated mount in a hand, at most
-_AGREE = np.radians(10.0)  # between the vertical of the surfaces, which is exact, and that of an accelerometer
 
 
 class LevelFrame(Stateful):
     """`likely_up` (3,) is the best answer so far, in the frame of the first pose, at first the mount's.
 
     Surfaces show the axis, and an accelerometer which end of it is up; without one it is the end nearer to the mount.
-    `sure` tells whether that is good enough, and `known` that it is settled. `advice` is a line where the stated mount
-    proves wrong, else None.
+    `sure` tells whether that is good enough. `advice` is a line where the stated mount proves wrong, else None.
     """
 
-    _STATE = ("known", "sure", "likely_up", "advice", "_looked_ns", "_measured")
+    _STATE = ("sure", "likely_up", "advice", "_looked_ns", "_measured")
 
     def __init__(self, settings: TrackingSettings) -> None:
         self._settings = settings
@@ -38,7 +35,7 @@ class LevelFrame(Stateful):
         # up in the first sensor's axes, if the carrier stands upright
         self._expected: Floats = Rotation.from_euler("ZYX", (yaw, pitch, roll), degrees=True).as_matrix()[2]
         self.likely_up = self._expected
-        self.known, self.sure = False, False
+        self.sure = False
         self.advice: str | None = None
         self._looked_ns: int | None = None  # the stamp of the last attempt
         self._measured: Floats | None = None  # up by an accelerometer
@@ -73,17 +70,16 @@ class LevelFrame(Stateful):
         seen = self._seen(scans)
         if seen is not None and seen.is_sure:
             self.likely_up = seen.up
-            self.sure = is_time and self._tilt(seen.up) < _LIES
+            self.sure = is_time and self._tilt(seen.up) < LYING
 
     def settle(self, scans: list[TrackedScan]) -> None:
         """Ends the search with all scans; where nothing is found, up is where the mount says."""
-        self.known = True
         seen, measured = self._seen(scans), self._measured
         if seen is None and measured is None:
             self.likely_up = self._expected
             _log.warning("the first seconds do not show the vertical, so the mount is taken for it; give --mount")
             return
-        if seen is not None and (measured is None or seen.up @ measured > np.cos(_AGREE)):
+        if seen is not None and (measured is None or seen.up @ measured > np.cos(ALIKE)):
             self.likely_up = seen.up
         tilt, is_stated = self._tilt(self.likely_up), self._settings.mount is not None
         shown = "its surroundings show" if measured is None else "the accelerometer shows"
@@ -92,7 +88,7 @@ class LevelFrame(Stateful):
         if is_stated and tilt > _SWAYS:
             self.advice = self._correction(tilt, shown)
             _log.warning("%s", self.advice)
-        elif measured is None and (tilt > _LIES or not (seen and seen.is_sure)):
+        elif measured is None and (tilt > LYING or not (seen and seen.is_sure)):
             _log.warning("the vertical is not certain; give roll, pitch and yaw of the sensor with --mount")
 
     def _tilt(self, up: Floats) -> float:
@@ -114,7 +110,5 @@ class LevelFrame(Stateful):
         poses = [T_first_odom @ scan.T_odom_sensor for scan in scans]
         for scan, T_first_sensor in zip(scans, poses, strict=True):
             surfels.add_scan(few_points(scan.registration, scan.raw.points, self._settings), T_first_sensor)
-        places, measured = np.stack(poses)[:, :3, 3], self._measured
-        if measured is not None:
-            return find_gravity(surfels.surfels(), places, measured, True)
-        return find_gravity(surfels.surfels(), places, self._expected, self._settings.mount is not None)
+        expected = self._expected if self._measured is None else self._measured
+        return find_gravity(surfels.surfels(), np.stack(poses)[:, :3, 3], expected, not self.is_way_up_assumed)

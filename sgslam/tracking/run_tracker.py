@@ -137,7 +137,8 @@ class RunTracker:
         """(3,) up by the accelerometer in the frame of the first pose, once it shows more than the carrier's steps."""
         T_first_odom = inverse(self._kept[0].T_odom_sensor)
         poses = np.stack([T_first_odom @ scan.T_odom_sensor for scan in self._kept])
-        return measured_up(self.motion.imu, np.array([scan.raw.stamp_ns for scan in self._kept]), poses)
+        stamps_ns = np.array([scan.raw.stamp_ns for scan in self._kept])
+        return measured_up(self.motion.imu, stamps_ns, poses, self._config.tracking.speed)
 
     def _settle(self) -> list[TrackedScan]:
         """Ends waiting: if up is not known yet, it is where the mount says."""

@@ -75,27 +75,6 @@ def test_what_scans_without_times_are_is_found_also_for_results_held_back(drive:
         assert np.array_equal(found.T_odom_sensor, expected.T_odom_sensor)
 
 
-@pytest.mark.parametrize("count", [33, 45])
-def test_looking_back_the_first_scans_are_found_in_the_later_map(count: int) -> None:
-    """As if the sensor had slid by a metre in the first second, while its map was of a few scans; if the later map is
-    not much larger, they stay."""
-    scene = boxes.scene_of([*boxes.room(0, 0, 8, 5), (5, 0, 0, 5.3, 3, 1.2)])
-    true = np.array([0.05, 0.02, 0.0]) * np.arange(count)[:, None]
-    odometry, results = ContinuousTimeOdometry(TrackingSettings()), []
-    odometry.level(UP)
-    for k in range(count):
-        points = boxes.scan(scene, boxes.pose(1.5 + true[k, 0], 2.0 + true[k, 1], 1.0), seed=k)
-        results.append(odometry.register(k * SCAN_NS, points))
-    for k in range(10):
-        T = results[k].T_odom_sensor.copy()
-        T[0, 3] += 1.0 - k / 10
-        results[k] = replace(results[k], T_odom_sensor=T, motion=Motion(results[k].motion.seconds, T[None]))
-    found = odometry.look_back(results)
-    assert found[30:] == results[30:]  # the frame is that of the later scans
-    places = np.stack([r.T_odom_sensor[:3, 3] for r in found])
-    assert (np.abs(places - places[-1] - (true - true[-1])).max() < 0.03) == (count > 33)
-
-
 @pytest.fixture(scope="module")
 def standing(drive: Drive) -> Standing:
     """Of a sensor that has stood for six seconds."""

@@ -44,10 +44,9 @@ def test_steps_are_the_motion_between_knots_whatever_the_frame() -> None:
     given = GivenMotion(settings)
     for k, T in enumerate(poses):
         given.add(7 + SCAN_NS * k, pose(50.0, 3.0, 1.0, 2.0) @ T)
-    steps, back = given.steps(7, np.array([0.0, 0.1, 0.15, 0.2])), given.backwards().steps(7, np.array([-0.3, -0.2]))
+    steps = given.steps(7, np.array([0.0, 0.1, 0.15, 0.2]))
     assert steps.poses[0] == pytest.approx(inverse(poses[0]) @ poses[1])
     assert steps.poses[1] @ steps.poses[2] == pytest.approx(inverse(poses[1]) @ poses[2])
-    assert back.poses[0] == pytest.approx(inverse(poses[3]) @ poses[2]) and (back.information > 0).all()
     expected = 1 / np.array([settings.given_sigma_rotation, settings.given_sigma_translation]) ** 2
     assert steps.information[0] == pytest.approx(expected)
     assert steps.information[1] == pytest.approx(2 * expected)  # half a step, half its variance
