@@ -1,7 +1,7 @@
 """Aligns the level surfaces of a mapped floor to the planned ones above and below which they lie in plan view.
 
-What hides a planned floor lies on it, like furniture and platforms, and what hides a ceiling hangs below it. The larger
-a surface is, the less likely it only hides another one.
+What hides a planned floor lies on it, like furniture and platforms. Ceilings are hung that no plan shows, and planned
+ones are missing. The larger a surface is, the less likely it is something else.
 """
 
 from collections.abc import Sequence
@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 
 from data import LevelSurface
 from sgslam.config import AnchorSettings
@@ -23,10 +24,11 @@ _MAPPED = 0.01  # m, standard deviation of a height within the map of a floor
 _HIDING = (
     5.0  # m2, of a surface that is as likely to be furniture or a duct as the floor or ceiling; larger ones are rare
 )
-_LOWERED = 0.2  # share of ceilings that hang below the planned ones, however large
-_BEYOND = 0.1  # times as likely as one that hides a planned surface is one behind it
+_HUNG = 0.2  # share of ceilings that are not planned, or hang where a planned one is missing, however large
+_BELOW = 0.1  # times as likely as one on the planned floor is one below it
 _REACH = 2.0  # m from a planned surface, within which others may hide it
 _ALIKE = 0.03  # m: surfaces as near in height are one, such as the ceilings of several rooms
+_LEAST = 1e-6  # 1/m, density of what no model explains
 _MEANT = 0.5  # probability from which on a surface is the planned one
 
 
@@ -70,8 +72,8 @@ def align_levels(
         return None
     low, high = (float(pick(np.concatenate(proposed))) for pick in (np.min, np.max))
     raised = np.arange(low - _REACH / 4, high + _REACH / 4, _STEP)
-    odds = np.sum([_log_density(own, raised) for own in _joined(seen)], axis=0)
-    probability = np.exp(odds - odds.max())
+    likelihood = [_likelihood([own for own in _joined(seen) if own.is_floor == side], raised) for side in (True, False)]
+    probability = np.prod(likelihood, axis=0)
     probability /= probability.sum()
     best, sigma = _summary(raised, probability)
     found = {own.number: at for own in seen if (at := _planned_at(own, best)) is not None}
@@ -114,21 +116,30 @@ def _joined(seen: list[_Seen]) -> list[_Seen]:
     return joined
 
 
-def _log_density(own: _Seen, raised: Floats) -> Floats:
-    """(R,) the logarithm of the density (1/m) of a surface's height if the map is so high; what lies at no planned one
-    may be anywhere."""
+def _likelihood(seen: list[_Seen], raised: Floats) -> Floats:
+    """(R,) that of all floors, or of all ceilings, if the map is so high, up to a factor: they were built off their
+    planned heights together."""
+    if not seen:
+        return np.ones(len(raised))
+    odds = np.sum([np.log(_density(own, raised, _MAPPED)) for own in seen], axis=0)
+    shared = gaussian_filter1d(np.exp(odds - odds.max()), seen[0].sigma / _STEP, mode="constant")
+    return np.asarray(np.maximum(shared / shared.max(), _LEAST))
+
+
+def _density(own: _Seen, raised: Floats, sigma: float) -> Floats:
+    """(R,) the density (1/m) of a surface's height if the map is so high, where planned ones are known to `sigma` (m);
+    what lies at no planned one may be anywhere."""
     above = (own.height + raised)[:, None] - own.planned
-    hiding = above > 0 if own.is_floor else above < 0
     hides = _hides(own)
-    other = np.where(hiding, hides, _BEYOND * hides) / _REACH
-    planned = (1 - hides) * _normal(above, np.hypot(own.sigma, _MAPPED))
-    return np.asarray(np.log((planned + other) @ own.share + max(1 - own.share.sum(), 0.0) / (2 * _REACH) + 1e-6))
+    other = hides / _REACH * (np.where(above > 0, 1.0, _BELOW) if own.is_floor else 0.5)
+    planned = (1 - hides) * _normal(above, sigma)
+    return np.asarray((planned + other) @ own.share + max(1 - own.share.sum(), 0.0) / (2 * _REACH) + _LEAST)
 
 
 def _hides(own: _Seen) -> float:
-    """The probability that a surface only hides the planned one."""
+    """The probability that a surface is not the planned one."""
     small = 1 / (1 + (own.area / _HIDING) ** 2)
-    return small if own.is_floor else max(small, _LOWERED)
+    return small if own.is_floor else max(small, _HUNG)
 
 
 def _normal(off: Floats, sigma: float) -> Floats:
@@ -156,10 +167,10 @@ def _planned_at(own: _Seen, raised: float) -> tuple[float, float] | None:
     """The planned height (m) of a surface and its standard deviation (m), if it probably is the planned one."""
     if not len(own.planned):
         return None
-    above = own.height + raised - own.planned
-    likely = own.share * (1 - _hides(own)) * _normal(above, np.hypot(own.sigma, _MAPPED))
+    above, sigma = own.height + raised - own.planned, float(np.hypot(own.sigma, _MAPPED))
+    likely = own.share * (1 - _hides(own)) * _normal(above, sigma)
     best = int(np.argmax(likely))
-    if likely[best] < _MEANT * np.exp(_log_density(own, np.array([raised])))[0]:
+    if likely[best] < _MEANT * _density(own, np.array([raised]), sigma)[0]:
         return None
     return float(own.planned[best]), own.sigma
 
