@@ -21,9 +21,7 @@ Floats = NDArray[np.float64]
 _SURE, _NORMAL = 0.95, 1.96  # probability of a height that is not doubted; sigmas of a normal distribution that hold it
 _STEP = 0.005  # m between the heights that are tried
 _MAPPED = 0.01  # m, standard deviation of a height within the map of a floor
-_HIDING = (
-    5.0  # m2, of a surface that is as likely to be furniture or a duct as the floor or ceiling; larger ones are rare
-)
+_HIDING = 5.0  # m2, of a surface that is as likely to be furniture or a duct as the floor or ceiling
 _HUNG = 0.2  # share of ceilings that are not planned, or hang where a planned one is missing, however large
 _BELOW = 0.1  # times as likely as one on the planned floor is one below it
 _REACH = 2.0  # m from a planned surface, within which others may hide it
