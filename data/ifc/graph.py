@@ -42,8 +42,8 @@ def read_ifc(path: Path | str) -> tuple[SceneGraph, tuple[str, ...]]:
         lack = "no walls" if not count else f"no walls with a geometry ({count} without)"
         raise UserError(f"{path}: has {lack} (IfcWall, IfcCurtainWall); export the walls with their geometry")
     rooms, notices = rooms_of(model)
-    floors = floors_of(model, rooms, solids)
-    if rooms:
+    floors, has_spaces = floors_of(model, rooms, solids), bool(rooms)
+    if has_spaces:
         rooms = [replace(r, room=replace(r.room, floor=floor_of(r, floors))) for r in rooms]
         levels = _levels(floors, rooms, solids, shadows)
     else:
@@ -59,7 +59,7 @@ def read_ifc(path: Path | str) -> tuple[SceneGraph, tuple[str, ...]]:
         standing = (shadows[s.product.global_id] for s in solids if s.bottom < z < s.top)
         return united(shadow for shadow in standing if shadow.intersects(area))
 
-    levels_seen = level_surfaces(planned_levels(model, rooms), rooms, floors, walls_at)
+    levels_seen = level_surfaces(planned_levels(model, has_spaces), rooms, floors, walls_at)
     graph = SceneGraph("bim", tuple(r.room for r in rooms), surfaces, doors, floors, level_surfaces=levels_seen)
     return graph, tuple(notices)
 

@@ -6,7 +6,7 @@ storey, and between a floor and a ceiling.
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import ifcopenshell
 import numpy as np
@@ -15,7 +15,7 @@ from shapely.geometry.polygon import orient
 
 from data.geometry.areas import Area, difference, opened, overlap, polygons_of, united
 from data.geometry.level_faces import CLEARANCE, LEAST, LevelFace, Plane, level_faces, visible, within
-from data.ifc.products import products
+from data.ifc.products import products, triangulated
 from data.ifc.rooms import RoomVolume
 from data.ifc.sections import Solid, solid_of
 from data.scene_graph import Floor, LevelSurface
@@ -33,26 +33,31 @@ WallsAt = Callable[[Area, float], Area]
 
 @dataclass(frozen=True, eq=False)
 class PlannedLevels:
-    """The level faces of a model; those of its spaces by their GlobalIds, whose floors face down; stairs and ramps with
-    their hulls in plan."""
+    """The level faces of a model, its stairs and ramps with their hulls in plan, and the model of the rooms' spaces."""
 
     faces: Sequence[LevelFace]
-    spaces: dict[str, list[LevelFace]] = field(default_factory=dict)
     stairs: Sequence[tuple[Solid, Area]] = ()
+    model: ifcopenshell.file | None = None
 
     def stairs_in(self, area: Area, low: float = np.inf, high: float = -np.inf) -> bool:
         """Whether a stair or ramp in an area begins below one height and ends above another."""
         return any(s.bottom < low and s.top > high and overlap(area, hull).area > LEAST for s, hull in self.stairs)
 
+    def space(self, room: RoomVolume) -> Iterator[LevelFace]:
+        """Yields the floor and ceiling of a room's space."""
+        space = None if self.model is None else self.model.by_guid(room.room.id)
+        mesh = None if space is None else triangulated(space)
+        for face in () if mesh is None else level_faces(mesh[0][mesh[1]], room.room.id, "IfcSpace"):
+            yield replace(face, is_floor=not face.is_floor)
 
-def planned_levels(model: ifcopenshell.file, rooms: Sequence[RoomVolume]) -> PlannedLevels:
-    """Reads the level faces of an IFC model; of its spaces, those of `rooms`."""
+
+def planned_levels(model: ifcopenshell.file, has_spaces: bool) -> PlannedLevels:
+    """Reads the level faces of an IFC model, whose rooms are its spaces or (`has_spaces` false) not."""
     bodies = [solid_of(p) for p in products(model, LEVELS)]
     stairs = [b for b in bodies if b.product.ifc_class in STAIRS]
     hulls = [shapely.MultiPoint(stair.product.vertices[:, :2]).convex_hull for stair in stairs]
-    ids = {r.room.id for r in rooms}
-    spaces = {p.global_id: _faces(solid_of(p)) for p in products(model, ("IfcSpace",)) if p.global_id in ids}
-    return PlannedLevels([f for b in bodies for f in _faces(b)], spaces, tuple(zip(stairs, hulls, strict=True)))
+    faces, with_hulls = [f for b in bodies for f in _faces(b)], tuple(zip(stairs, hulls, strict=True))
+    return PlannedLevels(faces, with_hulls, model if has_spaces else None)
 
 
 def _faces(body: Solid) -> list[LevelFace]:
@@ -141,11 +146,11 @@ class _Rooms:
 
     def fill(self, room: RoomVolume) -> None:
         """Takes the faces of a room's space as its floor and ceiling, if it has hardly any and no stair leads there."""
-        for face in self._planned.spaces.get(room.room.id, ()):
-            bare = self._bare(room, is_floor=not face.is_floor)
-            passed = self._planned.stairs_in(bare, face.middle - 2 * OFF, face.middle - OFF)
-            if bare.area > room.area.area / 2 and not passed:
-                self._take(replace(face, is_floor=not face.is_floor), room, polygons_of(overlap(face.area, bare)))
+        lacking = {k: bare for k in (True, False) if (bare := self._bare(room, k)).area > room.area.area / 2}
+        for face in self._planned.space(room) if lacking else ():
+            bare = lacking.get(face.is_floor)
+            if bare is not None and not self._planned.stairs_in(bare, face.middle - 2 * OFF, face.middle - OFF):
+                self._take(face, room, polygons_of(overlap(face.area, bare)))
 
 
 def _beside(
