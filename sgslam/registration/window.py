@@ -31,7 +31,6 @@ _SETTLED = 2e-3  # m and rad, by which the knots of an older scan move until its
 # So many points count as one measurement: neighbours share errors of their beam and their wall, and all points of a
 # plane those of the plane. By the 1-s errors of drives in two buildings; of a narrow view the latter are most.
 _ALIKE, _OF_PLANE = 4.0, 0.125  # points, and share of those on a plane
-_COARSE = 4  # of the points, one is taken in the first iteration, unless a gyroscope predicts as well
 _GAP = 0.02  # of a scan's duration: a shorter pause after the scan before is none; a quick hand turns by 0.4 degrees
 
 
@@ -203,7 +202,7 @@ def solve(window: Window, predicted: Floats, first_kernel: float, iterations: in
 
 @compiled
 def _solve(
-    window: Window, knots: Floats, plane_of: Ints32, first_kernel: float, iterations: int, least: int, H: Floats,
+    window: Window, knots: Floats, plane_of: Ints32, first_kernel: float, iterations: int, every: int, H: Floats,
     measured: Floats,
 ) -> tuple[int, float, float, int, int]:  # fmt: skip
     """Moves the knots, and fills in the planes of the points, the information H and what of it is `measured`.
@@ -217,12 +216,10 @@ def _solve(
     moved, strayed = np.full(scans, np.inf), np.zeros(scans)  # since the equations, and the planes
     g, F, error, kernel = np.empty(n), np.empty((6, 6)), first_kernel - weights.kernel, first_kernel
     residual, found, close, moved_by, count = np.inf, 0, 0, np.inf, 0
-    coarse = max(least, 1 if len(window.turns.information) else _COARSE)
     while count < iterations and (moved_by >= weights.convergence or count < 2):
         count += 1
         for s in range(scans):
             is_newest = s == scans - 1
-            every = coarse if count == 1 else least
             if moved[s] <= (weights.convergence if is_newest else _SETTLED):
                 continue
             own, first = slice(window.begins[s], window.begins[s + 1]), window.firsts[s]
@@ -235,9 +232,7 @@ def _solve(
                 window.surfels, window.oldest, error if is_newest else 0.0, kernel if is_newest else weights.kernel,
                 weights, own_H[s], own_g[s], own_F[s],
             )  # fmt: skip
-            moved[s] = 0.0 if every == least else np.inf  # more of its points are to be looked at
-            if is_newest and every > least:
-                strayed[s] = np.inf
+            moved[s] = 0.0
             if is_newest:
                 residual, found, close = result
                 kernel = min(kernel, max(weights.kernel, KERNEL * residual))
