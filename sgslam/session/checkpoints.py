@@ -76,7 +76,8 @@ class Checkpoints:
 def about_run(folder: Path) -> dict[str, Any]:
     """The header of a run's state: its inputs, and whether it is `finished`. Raises UserError if there is none."""
     if not (folder / FILE).is_file():
-        raise UserError(f"{folder}: no run state ({FILE}) in this folder: no run wrote to it, or it was interrupted at its start")
+        why = "no run wrote to it, or it was interrupted at its start"
+        raise UserError(f"{folder}: no run state ({FILE}) in this folder: {why}")
     return read_about(folder / FILE)
 
 
