@@ -12,23 +12,23 @@ from data.scans.point_times import BEFORE_STAMP, Stamped
 from sgslam.geometry.frames import inverse, squared_up
 from sgslam.odometry.base import SCAN_S, State
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
-from sgslam.perception.point_times import guessed_times
+from sgslam.perception.point_times import Rule, even_times, guessed_times
 from sgslam.registration.motion_prior import velocity_between
-from sgslam.serialization import Stateful
 from sgslam.types import Motion, Registration
 
 Floats = NDArray[np.float64]
 Kind = Literal["snapshot", "order"]
 Kinds = Literal["auto", "snapshot", "order"]
 _log = logging.getLogger(__name__)
-_MOVING = 0.3  # m/s or rad/s; slower, a scan looks alike either way
+_MOVING, _TURNING = 0.3, 0.3  # m/s and rad/s; slower, a scan looks alike either way
 _MOST = 0.3  # evidence of one scan: the scans after it are not independent
 # Sum of the evidence, natural logarithm, that decides. In 24 drives of rolling scans it was at least -2.0,
 # in 24 of snapshots at most 3.2, on the way to the right end.
 _LIMIT = 8.0
+_WITHOUT_ORDER = 20  # so many more scans whose points' order says nothing than others count as snapshots
 
 
-class TimedOdometry(Stateful):
+class TimedOdometry:
     """Our own odometry for scans with point times, given or not.
 
     Where they are not given, two odometries run side by side until the motion decides: one takes scans as snapshots,
@@ -36,8 +36,6 @@ class TimedOdometry(Stateful):
     Poses are those of the better one so far, and do not jump when that changes; but while results are held back, they
     are all replaced by those of the other one. All points of a snapshot are of the instant `stamped`.
     """
-
-    _STATE = ("_best", "_evidence", "_last", "_last_ns", "_duration_s", "_spins", "_shift", "_held")
 
     def __init__(
         self, make: Callable[[], ContinuousTimeOdometry], point_times: Kinds, stamped: Stamped = "auto"
@@ -47,10 +45,11 @@ class TimedOdometry(Stateful):
         self._odometries = {kind: make() for kind in kinds}
         self._best: Kind = kinds[0]
         self._evidence = 0.0  # for guessed times; natural logarithm
+        self._without_order = 0  # scans, less those whose points' order tells their times
         self._last: dict[Kind, Floats] = {}  # T_odom_sensor of the newest scan, each in its own frame
         self._last_ns: int | None = None
         self._duration_s = np.inf
-        self._spins = False  # whether the order of any scan's points was that of a spinning sensor
+        self._rule: Rule | None = None  # which the points' order has followed so far
         self._shift = np.eye(4)  # from the frame of the best odometry to that of the results
         self._held: dict[Kind, list[Registration]] | None = None  # the results of all scans so far, held back
 
@@ -79,11 +78,11 @@ class TimedOdometry(Stateful):
         self._last_ns = stamp_ns
         if interval_s > 0:
             self._duration_s = min(self._duration_s, interval_s)
-        guessed = point_times
+        guessed, is_ordered = point_times, False
         if not len(points):
             point_times = guessed = None
         elif point_times is None and "order" in self._odometries:
-            guessed = self._guessed(points)
+            guessed, is_ordered = self._guessed(points)
         elif point_times is not None and self.kind is None:
             self._odometries = {self._best: self._odometries[self._best]}
         times: dict[Kind, Floats | None] = {"snapshot": point_times, "order": guessed}
@@ -94,7 +93,7 @@ class TimedOdometry(Stateful):
             for kind, result in results.items():
                 self._held[kind].append(result)
         if self.kind is None:
-            self._compare(results, interval_s)
+            self._compare(results, is_ordered, interval_s)
         self._last = {kind: results[kind].T_odom_sensor for kind in self._odometries}
         return _moved(self._shift, results[self._best])
 
@@ -108,9 +107,14 @@ class TimedOdometry(Stateful):
         """See `ContinuousTimeOdometry.rejoin`."""
         return self._odometries[self._best].rejoin(other._odometries[other._best])
 
-    def _compare(self, results: dict[Kind, Registration], interval_s: float) -> None:
+    def _compare(self, results: dict[Kind, Registration], is_ordered: bool, interval_s: float) -> None:
         """Adds the evidence of a scan, changes to the better odometry, and drops the other one where it is clear."""
-        if interval_s > 0 and self._moves(results, interval_s):
+        self._without_order = max(self._without_order + (-1 if is_ordered else 1), 0)
+        if self._without_order >= _WITHOUT_ORDER:
+            self._prefer("snapshot")
+            self._decide("snapshot")
+            return
+        if is_ordered and interval_s > 0 and self._moves(results, interval_s):
             snapshot, order = (self._misfit(kind, results[kind]) for kind in ("snapshot", "order"))
             if 0 < snapshot < np.inf and 0 < order < np.inf:
                 self._evidence += float(np.clip(np.log(snapshot / order), -_MOST, _MOST))
@@ -119,21 +123,22 @@ class TimedOdometry(Stateful):
         if abs(self._evidence) > _LIMIT:
             self._decide(self._best)
 
-    def _guessed(self, points: Floats) -> Floats:
-        """The times of points (N, 3) by their order: of a spinning sensor, or else one after another. Where a spinning
-        sensor's points are in another order, all are taken as measured in the scan's middle."""
+    def _guessed(self, points: Floats) -> tuple[Floats, bool]:
+        """The times of points (N, 3), and whether their order gives them; where not, they are those of a sensor that
+        does not turn once around, if it is one, or all are the scan's middle."""
         duration_s = self._duration_s if np.isfinite(self._duration_s) else SCAN_S  # of the first scan
-        found, began = guessed_times(points, duration_s), -self._before_stamp * duration_s
-        self._spins = self._spins or found is not None
+        began = -self._before_stamp * duration_s
+        found = guessed_times(points, duration_s)
         if found is not None:
-            return began + found
-        one_by_one = np.linspace(0.0, duration_s, len(points), endpoint=False)
-        return began + (np.full(len(points), duration_s / 2) if self._spins else one_by_one)
+            self._rule = found.rule
+            return began + found.seconds, True
+        if self._rule == "index":  # a close wall hides that it soon covers the whole field of view
+            return began + even_times(len(points), duration_s), False
+        return np.full(len(points), began + duration_s / 2), False
 
     def _moves(self, results: dict[Kind, Registration], interval_s: float) -> bool:
         """Whether the sensor moves, as either odometry has it: one that has failed may well stand still."""
-        velocities = np.stack([self._velocity(kind, results[kind], interval_s) for kind in results])
-        return bool(np.linalg.norm(velocities.reshape(-1, 3), axis=1).max() > _MOVING)
+        return any(_exceeds(self._velocity(kind, results[kind], interval_s), _MOVING, _TURNING) for kind in results)
 
     def _misfit(self, kind: Kind, result: Registration) -> float:
         """Distance of the points that fit, in metres, over their share: where few fit, those that do may be near."""
@@ -158,16 +163,28 @@ class TimedOdometry(Stateful):
         _log.info("the points of the scans have no times; they are taken as %s", what)
 
     def state(self) -> dict[str, Any]:
-        """See `Stateful`; with both odometries."""
-        odometries = {kind: odometry.state() for kind, odometry in self._odometries.items()}
-        return {**super().state(), "odometries": odometries}
+        """See `ContinuousTimeOdometry.state`."""
+        return {
+            "odometries": {kind: odometry.state() for kind, odometry in self._odometries.items()}, "best": self._best,
+            "evidence": self._evidence, "without_order": self._without_order, "last": dict(self._last),
+            "last_ns": self._last_ns, "duration_s": self._duration_s, "rule": self._rule,
+            "shift": self._shift, "held": self._held,
+        }  # fmt: skip
 
     def restore(self, state: State) -> None:
-        """See `Stateful`."""
-        super().restore(state)
+        """See `ContinuousTimeOdometry.restore`."""
         self._odometries = {kind: self._make() for kind in state["odometries"]}
         for kind, odometry in self._odometries.items():
             odometry.restore(state["odometries"][kind])
+        self._best, self._evidence, self._without_order = state["best"], state["evidence"], state["without_order"]
+        self._last, self._last_ns = dict(state["last"]), state["last_ns"]
+        self._duration_s, self._rule, self._shift = state["duration_s"], state["rule"], state["shift"]
+        self._held = state["held"]
+
+
+def _exceeds(velocity: Floats, speed: float, turn_rate: float) -> bool:
+    """Whether a velocity (6,) is faster than m/s or rad/s."""
+    return bool(np.linalg.norm(velocity[3:]) > speed or np.linalg.norm(velocity[:3]) > turn_rate)
 
 
 def _moved(T: Floats, result: Registration) -> Registration:
