@@ -72,18 +72,18 @@ def measure(case: DriveCase, work: Path) -> Record:
 
 
 COLUMNS = {
-    **ANCHORED,
+    "anchored": ANCHORED["anchored"],
     "mean error (m)": spread("mean_z_m", ".3f"),
     "its sigma (m)": spread("z_sigma_m", ".3f"),
     "in its 95 % region (%)": inside("height"),
     "over 0.06 m": count(lambda rows: rows.mean_z_m > MOST_M),
     "over 3 sigmas": count(lambda rows: rows.z_sigmas > MOST_SIGMAS),
 }
-QUERIES = {"conditions": Query({"condition": "condition", "carrier": "carrier"}, COLUMNS)}
+QUERIES = {"conditions": Query({"condition": "condition"}, COLUMNS)}
 
 
 def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
-    """By what differs from the plan, and by carrier."""
+    """By what differs from the plan."""
     condition = rows.trouble.where(rows.trouble.ne(""), rows.effects)
     return made(QUERIES, rows.assign(condition=condition.where(rows.storeys.str.len().le(1), "over stairs")))
 
