@@ -21,6 +21,7 @@ from sgslam.perception.point_times import guessed_times
 Ints = NDArray[np.int64]
 PERIOD = 0.1  # s
 REAL = Path(__file__).resolve().parents[4] / "shared/data/scans/vlp16_room_corridor"
+THINNED = REAL.with_name("e1r_office") / "scans_000.npz"
 FILTERED = 6  # the one of the real scans that was filtered: its points are in no order
 
 
@@ -139,6 +140,16 @@ def test_real_scans() -> None:
         by_rings = guessed_times(scan.points[rings], PERIOD)
         assert by_rings is not None and by_rings.rule == "rings"
         assert np.quantile(np.abs(by_rings.seconds - found.seconds[rings]), 0.99) < 0.003
+
+
+@pytest.mark.skipif(not THINNED.is_file(), reason="needs the recording e1r_office")
+def test_real_scans_whose_points_were_thinned_by_voxels_are_snapshots() -> None:
+    packed = np.load(THINNED)
+    scans = np.split(packed["points"] / 1000.0, np.cumsum(packed["counts"])[:-1])  # mm
+    odometry = timed(scans[0], "auto")
+    for number, points in enumerate(scans[1:60], 1):
+        odometry.register(10**9 + number * 10**8, points)
+    assert odometry.kind == "snapshot"
 
 
 def timed(first: Array, kind: Kinds = "order", stamped: Stamped = "start") -> TimedOdometry:
