@@ -104,6 +104,8 @@ def _level_building(name: str, work: Path, as_planned: bool) -> Path:
     from data.generation.level_building import Levels, write_level_building, write_level_demo
 
     kind, _, number = name.rpartition("_")
+    if not number.isdecimal():
+        raise UserError(f"no building '{LEVELS}{name}'; give KIND_SEED, with a kind as of {GENERATED} or demo")
     path, seed = work / f"levels_{name}{'_flat' * as_planned}.ifc", int(number)
     missing: frozenset[Kind] = frozenset(get_args(Kind)) if as_planned else frozenset()
     levels = Levels(high=seed % 3 == 0, missing=missing)
