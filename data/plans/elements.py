@@ -1,11 +1,10 @@
 """The elements of an IFC model that are compared with the building: walls, columns, slabs, ceilings, doors, windows."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from threading import Lock
-from typing import Literal
 
 import ifcopenshell
 import numpy as np
@@ -13,32 +12,12 @@ from ifcopenshell.util.element import get_container
 from numpy.typing import NDArray
 
 from data.ifc.products import IfcProduct, Mesh, open_ifc, products, triangulated
+from data.plans.bodies import Kind, PlannedElement
 from data.plans.grid_lines import grid_families, grid_reference
 
-Kind = Literal["solid", "opening"]
 _ONE_AT_A_TIME = Lock()
 SOLID = ("IfcWall", "IfcColumn", "IfcSlab", "IfcCovering", "IfcCurtainWall")
 FILLINGS = ("IfcDoor", "IfcWindow")
-
-
-@dataclass(frozen=True, eq=False)
-class PlannedElement:
-    """One element; `triangles` (M, 3, 3) metres in the BIM frame are its body.
-
-    Those of an opening, which a door or a window fills, are the body that is cut out of the wall; `wall` is that wall's
-    GlobalId, and `filling` (K, 3, 3) the body of the door or window itself, None where it has none. `grid` names the
-    grid lines at which it stands, such as B/3; empty in a model without any.
-    """
-
-    global_id: str
-    ifc_class: str
-    name: str
-    storey: str
-    kind: Kind
-    triangles: NDArray[np.float64]
-    grid: str = ""
-    wall: str = ""
-    filling: NDArray[np.float64] | None = None
 
 
 def planned_elements(ifc: Path | str) -> tuple[PlannedElement, ...]:
