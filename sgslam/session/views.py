@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from data.geometry.poses import xyzquat_to_poses
 from data.scene_graph import SceneGraph
-from sgslam.as_built.elements.sightings import View
+from sgslam.as_built.elements.rays import View
 from sgslam.mapping import KeyframeClouds
 from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
 

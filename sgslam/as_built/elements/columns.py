@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data.geometry.raycast import TriangleScene
+from data.plans.bodies import PlannedElement
 from sgslam.as_built.elements.entries import Finding
 from sgslam.as_built.elements.likelihoods import (
     LEAST_CELLS,
@@ -19,11 +19,7 @@ from sgslam.as_built.elements.likelihoods import (
     verdict_on_offset,
 )
 from sgslam.as_built.elements.passing import Passing, passing
-from sgslam.as_built.elements.rays import Rays
-from sgslam.as_built.elements.sightings import View
-
-if TYPE_CHECKING:
-    from data.plans.elements import PlannedElement  # loads ifcopenshell
+from sgslam.as_built.elements.rays import Rays, View
 
 Floats = NDArray[np.float64]
 _GRIDS = ((REACH, 0.05), (0.05, 0.01), (0.012, 0.003))  # m: half the side and step of grids of shifts, one in another
@@ -34,13 +30,13 @@ _EXPLAINED = 0.5  # of the rays towards a moved column's planned place: those th
 _WIDER = 0.3  # of what is met there: what the body does not explain
 
 
-def is_column(element: "PlannedElement") -> bool:
+def is_column(element: PlannedElement) -> bool:
     """Whether an element is compact and upright, so that it can be shifted in plan view."""
     return element.ifc_class.startswith("IfcColumn")
 
 
 def column_finding(
-    index: int, solids: list["PlannedElement"], rays: Rays, views: Sequence[View], tolerance: float, shared: float
+    index: int, solids: list[PlannedElement], rays: Rays, views: Sequence[View], tolerance: float, shared: float
 ) -> Finding:  # fmt: skip
     """What the `rays` say of the solid with this index. Tolerance and shared error as in `element_verdicts`."""
     body = TriangleScene(solids[index].triangles)

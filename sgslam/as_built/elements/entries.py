@@ -1,17 +1,15 @@
 """The entries of elements.json: what was found of an element, in the tolerance classes of the trade."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 import shapely
 
+from data.plans.bodies import PlannedElement
 from data.scene_graph import Room, SceneGraph, Xy
 from sgslam.as_built.elements.tolerance_classes import Compliance, angle_compliance, angle_limit, loa_class
 from sgslam.as_built.elements.turns import Turn
-
-if TYPE_CHECKING:
-    from data.plans.elements import PlannedElement  # loads ifcopenshell
 
 Verdict = Literal["as planned", "moved", "absent", "not seen", "uncertain"]
 _BESIDE = 0.5  # m from a room's outline to an element that bounds it
@@ -85,7 +83,7 @@ class PlannedRooms:
         return PlannedRooms(rooms, shapely.STRtree([shapely.Polygon(room.polygon) for room in rooms]), floors)
 
 
-def entry(element: "PlannedElement", f: Finding, plan: PlannedRooms) -> ElementVerdict:
+def entry(element: PlannedElement, f: Finding, plan: PlannedRooms) -> ElementVerdict:
     """The entry of an element, with the rooms of the plan that it bounds."""
     envelope = shapely.oriented_envelope(shapely.multipoints(element.triangles.reshape(-1, 3)[:, :2]))
     turn = f.turn if element.ifc_class.startswith("IfcWall") else None
@@ -102,7 +100,7 @@ def entry(element: "PlannedElement", f: Finding, plan: PlannedRooms) -> ElementV
     )  # fmt: skip
 
 
-def _length(element: "PlannedElement", direction: tuple[float, float, float]) -> float:
+def _length(element: PlannedElement, direction: tuple[float, float, float]) -> float:
     """m, of the face with this normal in plan view."""
     along = element.triangles.reshape(-1, 3)[:, :2] @ np.array([-direction[1], direction[0]])
     return float(np.ptp(along))

@@ -4,7 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.as_built.elements.entries import Verdict
-from sgslam.as_built.elements.sightings import CELL, View
+from sgslam.as_built.elements.rays import View
+from sgslam.as_built.elements.sightings import CELL
 from sgslam.as_built.elements.tolerance_classes import SURE_SIGMAS
 from sgslam.as_built.elements.turns import PoseNoise
 

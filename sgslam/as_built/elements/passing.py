@@ -1,18 +1,14 @@
 """The rays that pass close to a column, and how likely they are if its body stands at a shift from its plan."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data.geometry.raycast import TriangleScene
+from data.plans.bodies import PlannedElement
 from sgslam.as_built.elements.likelihoods import BEFORE, DEPTH, NOISE, REACH, SPREAD, THROUGH, bell
-from sgslam.as_built.elements.rays import Rays
-from sgslam.as_built.elements.sightings import FURTHEST_RAY
-
-if TYPE_CHECKING:
-    from data.plans.elements import PlannedElement  # loads ifcopenshell
+from sgslam.as_built.elements.rays import FURTHEST_RAY, Rays
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -76,7 +72,7 @@ class Passing:
         return np.asarray(np.where(planned, _AT_OTHERS * at + (1 - _AT_OTHERS) * unplanned, unplanned))
 
 
-def passing(index: int, solids: list["PlannedElement"], rays: Rays) -> Passing:
+def passing(index: int, solids: list[PlannedElement], rays: Rays) -> Passing:
     """The rays close to the solid with this index that end in its disc or behind it."""
     corners = solids[index].triangles.reshape(-1, 3)
     low, high = corners.min(axis=0), corners.max(axis=0)

@@ -2,21 +2,40 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data.geometry.raycast import TriangleScene
-from sgslam.as_built.elements.sightings import FURTHEST_RAY, View
-
-if TYPE_CHECKING:
-    from data.plans.elements import PlannedElement  # loads ifcopenshell
+from data.plans.bodies import PlannedElement
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+FURTHEST_RAY = 12.0  # m, beyond which a pose's turn of half a degree moves a hit by a decimetre
 _AROUND = 0.9  # m around a body: as far as it may be displaced, and the edges of what it stands in
 _MOST_VIEWS = 150  # the nearest; more tell the same again, and a long run has thousands
+
+
+@dataclass(frozen=True)
+class View:
+    """One keyframe: `points` (N, 3) in the sensor frame, `T_bim_sensor` (4, 4), standard deviations `sigma` (m) of its
+    position and `sigma_heading` (rad) of its turn about the vertical."""
+
+    points: NDArray[np.float32]
+    T_bim_sensor: Floats
+    sigma: float
+    sigma_heading: float
+
+    @property
+    def sensor(self) -> Floats:
+        """(3,) its place in the BIM frame."""
+        return self.T_bim_sensor[:3, 3]
+
+    def rays(self) -> tuple[Floats, Floats]:
+        """(N, 3) unit vectors in the BIM frame, and (N,) the measured ranges."""
+        ends = self.points.astype(np.float64) @ self.T_bim_sensor[:3, :3].T
+        measured = np.linalg.norm(ends, axis=1)
+        return ends / np.maximum(measured, 1e-9)[:, None], measured
 
 
 @dataclass(frozen=True)
@@ -45,65 +64,70 @@ class Rays:
 
 
 class SeenRays:
-    """The rays of all views, with what they would meet first among the `solids`; eight bytes for each ray."""
+    """The rays of all views, with what they would meet first among the `solids`; eight bytes for each ray.
 
-    def __init__(self, views: Sequence[View], solids: list["PlannedElement"]) -> None:
-        self._views = views
-        self._sensors = np.array([view.T_bim_sensor[:3, 3] for view in views]).reshape(-1, 3)
-        scene = TriangleScene(np.concatenate([e.triangles for e in solids])) if solids else None
-        owner = np.repeat(np.arange(len(solids), dtype=np.int32), [len(e.triangles) for e in solids])
-        self._met = [_met(view, scene, owner) for view in views]
+    `owner` (M,) and `normal` (M, 3) are of the solids' triangles: the index of the solid, and the unit normal.
+    """
+
+    def __init__(self, views: Sequence[View], solids: Sequence[PlannedElement]) -> None:
+        self.views = views
+        triangles = np.concatenate([np.empty((0, 3, 3)), *(element.triangles for element in solids)])
+        self.owner = np.repeat(np.arange(len(solids)), [len(element.triangles) for element in solids])
+        normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+        self.normal = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+        self._sensors = np.array([view.sensor for view in views]).reshape(-1, 3)
+        scene = TriangleScene(triangles) if len(triangles) else None
+        self._met = [_met(view, scene) for view in views]
         self._seen_by: dict[int, list[int]] = {}
-        for k, (_, owners) in enumerate(self._met):
-            for solid in np.unique(owners).tolist():
+        for k, (_, faces) in enumerate(self._met):
+            for solid in np.unique(self.owner[np.unique(faces[faces >= 0])]).tolist():
                 self._seen_by.setdefault(solid, []).append(k)
+
+    def of_view(self, number: int) -> tuple[Floats, Floats, Floats, Ints]:
+        """Of each ray of a view the direction (N, 3), the measured and the planned range (N,), and the triangle that is
+        planned there (N,), -1 for none."""
+        planned, faces = self._met[number]
+        return *self.views[number].rays(), planned.astype(np.float64), faces.astype(np.int64)
 
     def near(self, body: Floats, solid: int) -> Rays:
         """The rays that pass a body (M, 3, 3) closely, of the nearest views that would see the `solid` (index) in which
         it lies."""
+        return self._through(body, _AROUND, np.array(self._seen_by.get(solid, []), dtype=np.int64))
+
+    def crossing(self, body: Floats, around: float) -> Rays:
+        """The rays of the nearest views that pass the box about a body (M, 3, 3), wider by `around` (m)."""
+        return self._through(body, around, np.arange(len(self.views)))
+
+    def _through(self, body: Floats, around: float, views: Ints) -> Rays:
         corners = body.reshape(-1, 3)
-        low, high = corners.min(axis=0) - _AROUND, corners.max(axis=0) + _AROUND
-        views = np.array(self._seen_by.get(solid, []), dtype=np.int64)
+        low, high = corners.min(axis=0) - around, corners.max(axis=0) + around
         sensors = self._sensors[views]
         away = np.linalg.norm(np.maximum(np.maximum(low - sensors, sensors - high), 0.0), axis=1)
         own = np.argsort(away, kind="stable")[:_MOST_VIEWS]
         found = [self._passing(int(k), low, high) for k in np.sort(views[own[away[own] < FURTHEST_RAY]])]
-        return _joined(found or [self._passing(None, low, high)])
+        nothing = np.empty(0, np.int64)
+        empty = Rays(nothing, np.empty((0, 3)), np.empty((0, 3)), np.empty(0), np.empty(0), nothing)
+        return Rays(*(np.concatenate([getattr(part, own.name) for part in (empty, *found)]) for own in fields(Rays)))
 
-    def _passing(self, number: int | None, low: Floats, high: Floats) -> Rays:
-        """Those of one view that pass through a box, None for no view."""
-        if number is None:
-            nothing = np.empty(0, np.int64)
-            return Rays(nothing, np.empty((0, 3)), np.empty((0, 3)), np.empty(0), np.empty(0), nothing)
-        view, (planned, owner) = self._views[number], self._met[number]
-        sensor, direction, measured = self._sensors[number], *_directions(view)
+    def _passing(self, number: int, low: Floats, high: Floats) -> Rays:
+        """Those of one view that pass through a box."""
+        direction, measured, planned, faces = self.of_view(number)
+        sensor = self._sensors[number]
         with np.errstate(divide="ignore", invalid="ignore"):
             first, second = (low - sensor) / direction, (high - sensor) / direction
         enters, leaves = np.fmin(first, second).max(axis=1), np.fmax(first, second).min(axis=1)
         which = (enters <= leaves) & (leaves > 0)
+        owner = np.where(faces >= 0, self.owner[faces], -1) if len(self.owner) else faces
         count = int(which.sum())
         return Rays(
-            np.full(count, number), np.tile(sensor, (count, 1)), direction[which], measured[which],
-            planned[which].astype(np.float64), owner[which].astype(np.int64),
+            np.full(count, number), np.tile(sensor, (count, 1)), direction[which], measured[which], planned[which],
+            owner[which],
         )  # fmt: skip
 
 
-def _directions(view: View) -> tuple[Floats, Floats]:
-    """(N, 3) unit vectors in the BIM frame, and (N,) the measured ranges."""
-    ends = view.points.astype(np.float64) @ view.T_bim_sensor[:3, :3].T
-    measured = np.linalg.norm(ends, axis=1)
-    return ends / np.maximum(measured, 1e-9)[:, None], measured
-
-
-def _met(
-    view: View, scene: TriangleScene | None, owner: NDArray[np.int32]
-) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """The range (m) at which each ray would meet a solid, and its index; inf and -1 where there is none."""
+def _met(view: View, scene: TriangleScene | None) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """The range (m) at which each ray would meet a solid, and the triangle; inf and -1 where there is none."""
     if scene is None:
         return np.full(len(view.points), np.inf, np.float32), np.full(len(view.points), -1, np.int32)
-    planned, face = scene.faces(view.T_bim_sensor[:3, 3], _directions(view)[0])
-    return planned.astype(np.float32), np.where(face >= 0, owner[face], -1).astype(np.int32)
-
-
-def _joined(parts: Sequence[Rays]) -> Rays:
-    return Rays(*(np.concatenate([getattr(part, own.name) for part in parts]) for own in fields(Rays)))
+    planned, face = scene.faces(view.sensor, view.rays()[0])
+    return planned.astype(np.float32), face.astype(np.int32)

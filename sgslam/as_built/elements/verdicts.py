@@ -1,11 +1,11 @@
 """A verdict for each planned element: as planned, moved, absent, not seen or uncertain, by one likelihood test."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from data.plans.bodies import PlannedElement
 from data.scene_graph import SceneGraph
 from sgslam.as_built.elements.columns import column_finding, is_column
 from sgslam.as_built.elements.entries import ElementVerdict, Finding, PlannedRooms, entry
@@ -25,51 +25,54 @@ from sgslam.as_built.elements.likelihoods import (
     verdict_on_offset,
 )
 from sgslam.as_built.elements.openings import opening_finding
-from sgslam.as_built.elements.rays import SeenRays
-from sgslam.as_built.elements.sightings import CELL, Sightings, View, sightings
+from sgslam.as_built.elements.rays import SeenRays, View
+from sgslam.as_built.elements.sightings import CELL, Sightings, sightings
 from sgslam.as_built.elements.turns import turn_of
-
-if TYPE_CHECKING:
-    from data.plans.elements import PlannedElement  # loads ifcopenshell
 
 Floats = NDArray[np.float64]
 _LEAST_SHARE = 0.3  # of the sightings of a moved surface: if nearly all are before it, so may be what is taken for it
 
 
-def element_verdicts(
-    elements: Sequence["PlannedElement"], views: Sequence[View], plan: SceneGraph, tolerance: float, shared: float
-) -> list[ElementVerdict]:
-    """A verdict for each element, in their order.
+def element_findings(
+    elements: Sequence[PlannedElement], views: Sequence[View], tolerance: float, shared: float
+) -> list[Finding]:
+    """What was found of each element, in their order.
 
     `tolerance` (m) is the largest offset that counts as planned, `shared` (m) the standard deviation of the error that
     all sightings of an element share. An element is moved or as planned by its likeliest offset, and `conclusive` where
     two sigma do not reach the tolerance; where one sigma is larger than the tolerance, the measurement does not tell.
     """
     solids = [element for element in elements if element.kind == "solid"]
-    rays = SeenRays(views, solids) if len(solids) < len(elements) or any(map(is_column, solids)) else None
+    rays = SeenRays(views, solids)
+    seen = sightings(rays)
+    order = np.argsort(seen.element, kind="stable")
+    ends = np.searchsorted(seen.element[order], np.arange(len(solids) + 1))
     found: dict[str, Finding] = {}
-    if solids:
-        seen = sightings(solids, views)
-        order = np.argsort(seen.element, kind="stable")
-        ends = np.searchsorted(seen.element[order], np.arange(len(solids) + 1))
-        for k, element in enumerate(solids):
-            if rays is not None and is_column(element):
-                found[element.global_id] = column_finding(
-                    k, solids, rays.near(element.triangles, k), views, tolerance, shared
-                )
-            else:
-                found[element.global_id] = _solid(seen, order[ends[k] : ends[k + 1]], views, tolerance, shared)
+    for k, element in enumerate(solids):
+        if is_column(element):
+            found[element.global_id] = column_finding(
+                k, solids, rays.near(element.triangles, k), views, tolerance, shared
+            )
+        else:
+            found[element.global_id] = _solid(seen, order[ends[k] : ends[k + 1]], views, tolerance, shared)
     index = {element.global_id: k for k, element in enumerate(solids)}
     for opening in (element for element in elements if element.kind == "opening"):
-        assert rays is not None
         host = index.get(opening.wall)
         if host is None:
             found[opening.global_id] = Finding("not seen", "the plan has no wall around it")
             continue
         near, built = rays.near(opening.triangles, host), found[opening.wall]
         found[opening.global_id] = opening_finding(opening, solids, host, built, near, views, tolerance, shared)
+    return [found[element.global_id] for element in elements]
+
+
+def element_verdicts(
+    elements: Sequence[PlannedElement], views: Sequence[View], plan: SceneGraph, tolerance: float, shared: float
+) -> list[ElementVerdict]:
+    """The entry of each element, in their order; the arguments as in `element_findings`."""
     rooms = PlannedRooms.of(plan)
-    return [entry(element, found[element.global_id], rooms) for element in elements]
+    found = element_findings(elements, views, tolerance, shared)
+    return [entry(element, finding, rooms) for element, finding in zip(elements, found, strict=True)]
 
 
 def _solid(

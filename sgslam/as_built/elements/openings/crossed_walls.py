@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from sgslam.as_built.elements.likelihoods import NOISE, REACH, crossing_blur
 from sgslam.as_built.elements.openings.jambs import Crossings
 from sgslam.as_built.elements.openings.reveals import Reveal
-from sgslam.as_built.elements.rays import Rays
-from sgslam.as_built.elements.sightings import CELL, FURTHEST_RAY, LEAST_COSINE, View
+from sgslam.as_built.elements.rays import FURTHEST_RAY, Rays, View
+from sgslam.as_built.elements.sightings import CELL, LEAST_COSINE
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -6,11 +6,11 @@ a pane or the reveal. Where the wall goes on instead, they all end at its face.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from data.plans.bodies import PlannedElement
 from sgslam.as_built.elements.entries import Finding
 from sgslam.as_built.elements.likelihoods import (
     LEAST_CELLS,
@@ -24,11 +24,8 @@ from sgslam.as_built.elements.likelihoods import (
 from sgslam.as_built.elements.openings.crossed_walls import CrossedWall, crossed_walls
 from sgslam.as_built.elements.openings.jambs import PLACES, Inside, displacements, jamb_profile, unbroken, widened
 from sgslam.as_built.elements.openings.reveals import Reveal, reveal_of
-from sgslam.as_built.elements.rays import Rays
-from sgslam.as_built.elements.sightings import CELL, View
-
-if TYPE_CHECKING:
-    from data.plans.elements import PlannedElement  # loads ifcopenshell
+from sgslam.as_built.elements.rays import Rays, View
+from sgslam.as_built.elements.sightings import CELL
 
 Floats = NDArray[np.float64]
 _SET_BACK = 0.03  # m behind the wall's face, from which on a leaf or pane is distinct from a wall that goes on
@@ -49,7 +46,7 @@ class _Fit:
 
 
 def opening_finding(
-    opening: "PlannedElement", solids: list["PlannedElement"], host: int, built: Finding, rays: Rays,
+    opening: PlannedElement, solids: list[PlannedElement], host: int, built: Finding, rays: Rays,
     views: Sequence[View], tolerance: float, shared: float,
 ) -> Finding:  # fmt: skip
     """What the `rays` say of an opening in the solid with the index `host`, which was `built` so. Tolerance and shared

@@ -1,13 +1,11 @@
 """The reveal of a planned opening: the cuboid between the two faces of its wall that is cut out."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from data.plans.elements import PlannedElement  # loads ifcopenshell
+from data.plans.bodies import PlannedElement
 
 Floats = NDArray[np.float64]
 _AROUND = 0.5  # m around an opening, where its wall's faces count
@@ -43,7 +41,7 @@ class Reveal:
         return self.end - self.start
 
 
-def reveal_of(opening: "PlannedElement", wall: "PlannedElement") -> Reveal | None:
+def reveal_of(opening: PlannedElement, wall: PlannedElement) -> Reveal | None:
     """None where the wall has no two upright faces around the opening, as a roof has none."""
     body = opening.triangles.reshape(-1, 3)
     low, high = body.min(axis=0) - _AROUND, body.max(axis=0) + _AROUND
