@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -14,14 +14,12 @@ from data.ifc.products import open_ifc
 from data.scene_graph import Xy
 from data.simulation import Change
 from data.simulation.changes.as_built import fillings
-from evaluation.buildings import plan_graph
 from evaluation.conditions import BUILDING
 from evaluation.drive import Drive, DriveCase
 from evaluation.metrics.true_walls import TrueWall, true_walls
 from evaluation.study import Record
-from sgslam.as_built.elements import ElementVerdict, Verdict, unplanned_walls
+from sgslam.as_built.elements import ElementVerdict, Verdict
 from sgslam.session import Result
-from sgslam.session.result import run_verdicts, without_planned_things
 
 Element = Literal["wall", "door", "window", "column"]
 State = Literal["as planned", "moved", "displaced", "filled", "absent"]
@@ -55,22 +53,19 @@ def verdicts_of(case: DriveCase, drive: Drive, result: Result, ifc: Path) -> Rec
     that were seen; `not_seen`: how many of the others, by how they were built. `unplanned`: walls that stand and are
     not planned, of which `to_find` are seen by three keyframes; `false` entries are on no such wall and on no planned
     one, `on_planned` on planned ones alone. `ifc` is the building."""
-    result = without_planned_things(result, drive.plan)
-    assert result.T_bim_map is not None
-    plan = plan_graph(drive.plan)
+    found = replace(result, plan_file=drive.plan).assessment
     # seen from where the keyframes with a cloud were in truth
     stamps = [k.stamp_ns for k in result.s_graph.keyframes if len(result.clouds[int(k.id[1:])])]
     at = np.searchsorted(drive.truth.stamps_ns, stamps).tolist()
     walls = true_walls(ifc, drive.storey, BUILDING[case.changes], case.seed, drive.truth, at)
     stands_off = {change.id: change for change in drive.stands_off}
     building = _Building(_with_fillings(ifc, drive.changes), stands_off, {wall.id: wall.views for wall in walls})
-    judged = [entry for entry in map(building.judged, run_verdicts(result, drive.plan)) if entry is not None]
-    extra = unplanned_walls(result.deviations, result.s_graph, result.T_bim_map, result.matches, plan)
+    judged = [entry for entry in map(building.judged, found.elements) if entry is not None]
     seen = [entry for entry in judged if (entry.built, entry.verdict) != ("as planned", "not seen")]
     return {
         "judged": [entry.model_dump() for entry in seen],
         "not_seen": dict(Counter(entry.built for entry in judged if entry.verdict == "not seen")),
-        "unplanned": _unplanned([wall.trace for wall in extra], walls),
+        "unplanned": _unplanned([own.trace for own in found.unplanned if own.kind == "wall-like"], walls),
     }
 
 

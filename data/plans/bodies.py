@@ -15,6 +15,7 @@ Kind = Literal["solid", "opening"]
 THICKEST = 0.7  # m between the sides of one wall
 SHEET = 0.05  # m: depth of a wall of which one side is known
 HEIGHT = 2.5  # m of a wall whose height is unknown
+NARROWEST = 0.3  # m: a narrower part beside a door is its frame
 PARALLEL = 0.99  # cosine between both sides of a wall
 
 
@@ -24,7 +25,8 @@ class PlannedElement:
 
     Those of an opening, which a door or a window fills, are the body that is cut out of the wall; `wall` is that wall's
     GlobalId, and `filling` (K, 3, 3) the body of the door or window itself, None where it has none. `grid` names the
-    grid lines at which it stands, such as B/3; empty in a model without any.
+    grid lines at which it stands, such as B/3; empty in a model without any. `glazed`: it is of glass, or may have
+    windows that are not drawn.
     """
 
     global_id: str
@@ -36,6 +38,7 @@ class PlannedElement:
     grid: str = ""
     wall: str = ""
     filling: Array | None = None
+    glazed: bool = False
 
 
 def wall_ids(surface: WallSurface) -> tuple[str, ...]:
@@ -66,7 +69,7 @@ def bodies_of(plan: SceneGraph) -> tuple[PlannedElement, ...]:
     return tuple(
         PlannedElement(
             key, _ifc_class(surface), rooms.get(surface.room or "", key), names.get(surface.floor or "", ""), "solid",
-            np.concatenate(bodies[key]),
+            np.concatenate(bodies[key]), glazed=isinstance(surface, WallSurface),
         ) for key, surface in of.items()
     )  # fmt: skip
 
@@ -82,7 +85,7 @@ def _boxes(surface: WallSurface, plan: SceneGraph, height: tuple[float, float]) 
     half = (surface.length or 0.0) / 2
     n, left = np.array(surface.normal), np.array([-surface.normal[1], surface.normal[0]])
     for source, first, last, full in surface.parts or ((surface.source, -half, half, True),):
-        if not full or last <= first:
+        if not full or last - first < (NARROWEST if surface.parts else 0.0):
             continue
         front = np.array(surface.centroid) + np.outer([first, last], left)
         back = front - _depth(surface, front, plan) * n

@@ -45,7 +45,8 @@ def _planned_elements(ifc: Path, mtime_ns: int) -> tuple[PlannedElement, ...]:
 def _element(product: IfcProduct, storeys: dict[str, str], kind: Kind) -> PlannedElement:
     triangles = product.vertices[product.faces]
     storey = storeys.get(product.storey or "", "")
-    return PlannedElement(product.global_id, product.ifc_class, product.name, storey, kind, triangles)
+    glazed = product.ifc_class == "IfcCurtainWall"
+    return PlannedElement(product.global_id, product.ifc_class, product.name, storey, kind, triangles, glazed=glazed)
 
 
 def _openings(model: ifcopenshell.file, storeys: dict[str, str]) -> Iterator[PlannedElement]:

@@ -7,6 +7,7 @@ from typing import Any
 LIMITS_MM = (10, 30, 100)
 # from the wall that stands furthest back, out of its room, to the one that stands furthest into it
 BANDS = ("back-3", "back-2", "back-1", "as-planned", "into-1", "into-2", "into-3")
+UNPLANNED = "unplanned"  # in tables, beside the verdicts on planned elements
 MINUS = "\N{MINUS SIGN}"
 
 

@@ -1,6 +1,5 @@
 """The findings of a run by element, in formats for BIM viewers."""
 
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -10,62 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.ifc.bcf import Model, Topic, Version, write_bcf
-from data.scene_graph import SceneGraph, WallSurface
-from sgslam.as_built.elements import UnplannedEntry
+from data.scene_graph import SceneGraph
 
 if TYPE_CHECKING:
-    from data.ifc.deviations import ElementFinding, Status, UnplannedWall
+    from data.ifc.deviations import ElementFinding, UnplannedWall
 
 Floats = NDArray[np.float64]
-Deviation = Mapping[str, Any]  # an entry of deviations.json
+Entry = Mapping[str, Any]  # of elements.json
 BCF: dict[Version, str] = {"2.1": "deviations.bcf", "3.0": "deviations_3.0.bcf"}  # most viewers read the first only
 _COLORS = {"moved": "FFD65E00", "absent": "FF56B4E9", "extra": "FFCC79A7"}
-_HEIGHT = 2.5  # m of a wall whose height is not known
+_EYE = 1.2  # m above the floor, where the camera looks at an element
 
 
-def by_wall(deviations: Sequence[Deviation]) -> dict[str, list[Deviation]]:
-    """The entries of each planned wall by its source, in their order; extra walls are none."""
-    found: dict[str, list[Deviation]] = defaultdict(list)
-    for deviation in deviations:
-        if deviation["source"] and deviation["kind"] != "extra":
-            found[deviation["source"]].append(deviation)
-    return dict(found)
-
-
-def wall_status(entries: list[Deviation], tolerance: float) -> tuple["Status", Deviation]:
-    """The status of a wall by its entries, and the entry that decides it, that of the least sigma among several.
-
-    `tolerance` (m) is the largest offset that counts as planned.
-    """
-    moved = [d for d in entries if d["kind"] == "moved"]
-    significant = [d for d in moved if d["significant"]]
-    if significant:
-        return "moved", min(significant, key=lambda d: d["sigma_m"])
-    absent = [d for d in entries if d["kind"] == "absent"]
-    if absent:
-        return "absent", absent[0]
-    standing = [d for d in moved if abs(d["offset_m"]) <= max(tolerance, 3 * d["sigma_m"])]
-    if standing:
-        return "as planned", min(standing, key=lambda d: d["sigma_m"])
-    return "uncertain", min(moved, key=lambda d: d["sigma_m"])
-
-
-def wall_findings(deviations: Sequence[Deviation], a_graph: SceneGraph, tolerance: float) -> list["ElementFinding"]:
-    """The finding for each planned wall with entries, of a run that has no verdicts on elements."""
-    from data.ifc.deviations import ElementFinding
-
-    findings = []
-    for source, entries in by_wall(deviations).items():
-        status, d = wall_status(entries, tolerance)
-        shift = None
-        if d["offset_m"] is not None:
-            nx, ny = a_graph.surface_by_id[d["a_id"]].normal
-            shift = (d["offset_m"] * nx, d["offset_m"] * ny, 0.0)
-        findings.append(ElementFinding(source, status, shift, d["sigma_m"], d["tilt_rad"], d.get("reason", "")))
-    return findings
-
-
-def element_findings(elements: Sequence[Mapping[str, Any]]) -> list["ElementFinding"]:
+def element_findings(elements: Sequence[Entry]) -> list["ElementFinding"]:
     """The finding for each entry of elements.json."""
     from data.ifc.deviations import ElementFinding, Measurement
 
@@ -82,37 +38,27 @@ def element_findings(elements: Sequence[Mapping[str, Any]]) -> list["ElementFind
     return findings
 
 
-def unplanned_findings(walls: Sequence[UnplannedEntry], a_graph: SceneGraph) -> list["UnplannedWall"]:
-    """The finding for each wall that no plan shows."""
+def unplanned_findings(unplanned: Sequence[Entry], a_graph: SceneGraph) -> list["UnplannedWall"]:
+    """The finding for each wall among the entries of what no plan shows."""
     from data.ifc.deviations import UnplannedWall
 
     storeys = {floor.name or floor.id: floor.id for floor in a_graph.floors}
     return [
-        UnplannedWall(wall.id, *wall.trace, *wall.height_m, storeys.get(wall.storey), wall.reason) for wall in walls
-    ]
+        UnplannedWall(
+            wall["id"], tuple(wall["trace"][0]), tuple(wall["trace"][1]), wall["height_m"][0], wall["height_m"][1],
+            storey=storeys.get(wall["storey"]), reason=wall["reason"],
+        )
+        for wall in unplanned if wall["kind"] == "wall-like"
+    ]  # fmt: skip
 
 
 def write_topics(
-    out: Path, deviations: Sequence[Deviation], unplanned: Sequence[UnplannedEntry], a_graph: SceneGraph,
-    model: Model, tolerance: float,
-) -> int:  # fmt: skip
-    """Writes a BCF topic for each moved, missing or unplanned wall to the folder `out`, as BCF 2.1 and 3.0;
-    returns the number of topics."""
-    topics = []
-    for source, entries in by_wall(deviations).items():
-        status, d = wall_status(entries, tolerance)
-        if status in ("moved", "absent"):
-            surface = a_graph.surface_by_id[d["a_id"]]
-            room = a_graph.room_by_id.get(surface.room or "")
-            title = f"Wall {_off(d)}" if status == "moved" else "Wall is absent"
-            where = f"{room.name or room.id}: " if room is not None else ""
-            place = _segment(surface, a_graph)
-            topics.append(_topic(title, where + _description(d), status, (source,), place, surface.normal))
-    for wall in unplanned:
-        first, last = ((*end, z) for end, z in zip(wall.trace, wall.height_m, strict=True))
-        where = f"{wall.room}: " if wall.room else ""
-        said = f"{where}{wall.length_m:.1f} m; {wall.reason}"
-        topics.append(_topic("Wall is not in the plan", said, "extra", (), (first, last), wall.facing))
+    out: Path, elements: Sequence[Entry], unplanned: Sequence[Entry], a_graph: SceneGraph, model: Model
+) -> int:
+    """Writes a BCF topic for each moved or absent element and each unplanned wall to the folder `out`, as BCF 2.1 and
+    3.0; returns the number of topics."""
+    topics = [_of_element(own, a_graph) for own in elements if own["verdict"] in ("moved", "absent")]
+    topics += [_of_unplanned(own) for own in unplanned if own["kind"] == "wall-like"]
     now = datetime.now(UTC)
     for version, name in BCF.items():
         write_bcf(out / name, topics, model, now, version)
@@ -125,32 +71,43 @@ def remove_topics(out: Path) -> None:
         (out / name).unlink(missing_ok=True)
 
 
-def _topic(
-    title: str, description: str, kind: str, ids: tuple[str, ...], segment: tuple[Any, Any],
-    towards: tuple[float, float],
-) -> Topic:  # fmt: skip
-    return Topic(title, description, kind, ids, _COLORS[kind], segment, towards)
+def _of_element(own: Entry, a_graph: SceneGraph) -> Topic:
+    kind, verdict = own["ifc_class"].removeprefix("Ifc").removesuffix("StandardCase"), own["verdict"]
+    title = f"{kind} is absent" if verdict == "absent" else f"{kind} is off by {abs(own['offset_m']) * 100:.1f} cm"
+    said = [*([", ".join(own["rooms"])] if own["rooms"] else []), own["reason"]]
+    if verdict == "moved":
+        turned = "" if own["turn_rad"] is None else f", turned by {np.degrees(own['turn_rad']):.2f} degrees"
+        said.append(f"sigma {own['sigma_m'] * 1000:.0f} mm{turned}")
+    floors = {name: floor.elevation for floor in a_graph.floors for name in (floor.id, floor.name)}
+    first, last, across = _middle_line(np.array(own["outline"], dtype=float).reshape(-1, 2))
+    z = (floors.get(own["storey"]) or 0.0) + _EYE
+    if own["direction"] is not None and np.hypot(*own["direction"][:2]) > 0:
+        across = np.array(own["direction"][:2]) * np.sign(own["offset_m"] or 1.0)
+    return Topic(
+        title, "; ".join(said), verdict, (own["global_id"],), _COLORS[verdict], ((*first, z), (*last, z)),
+        (float(across[0]), float(across[1])),
+    )  # fmt: skip
 
 
-def _off(d: Deviation) -> str:
-    side = "into the room" if d["offset_m"] > 0 else "back"
-    return f"stands {abs(d['offset_m']) * 100:.1f} cm {side}"
+def _middle_line(outline: Floats) -> tuple[tuple[float, float], tuple[float, float], Floats]:
+    """The ends of a rectangle's longer axis, and a unit vector across it."""
+    if len(outline) < 4:
+        first, last = (outline[0], outline[-1]) if len(outline) else (np.zeros(2), np.zeros(2))
+    else:
+        sides = np.linalg.norm(np.diff(outline[:3], axis=0), axis=1)
+        a, b, c, d = np.roll(outline[:4], 0 if sides[0] < sides[1] else 1, axis=0)
+        first, last = (a + b) / 2, (c + d) / 2
+    along = (last - first) / max(float(np.linalg.norm(last - first)), 1e-9)
+    (ax, ay), (bx, by) = first.tolist(), last.tolist()
+    return (ax, ay), (bx, by), np.array([-along[1], along[0]])
 
 
-def _description(d: Deviation) -> str:
-    parts = [str(d.get("reason") or "")]
-    if d["sigma_m"] is not None:
-        parts.append(f"sigma {d['sigma_m'] * 1000:.0f} mm, turned by {np.degrees(d['tilt_rad']):.2f} degrees")
-    return "; ".join(part for part in parts if part)
-
-
-def _segment(surface: WallSurface, graph: SceneGraph) -> tuple[Any, Any]:
-    """The ends of a planned surface at half its height."""
-    low, high = surface.height or _heights(surface, graph)
-    first, last = surface.ends()
-    return (*first, (low + high) / 2), (*last, (low + high) / 2)
-
-
-def _heights(surface: WallSurface, graph: SceneGraph) -> tuple[float, float]:
-    elevation = next((f.elevation for f in graph.floors if f.id == surface.floor), None) or 0.0
-    return elevation, elevation + _HEIGHT
+def _of_unplanned(wall: Entry) -> Topic:
+    (ax, ay), (bx, by) = wall["trace"]
+    low, high = wall["height_m"]
+    where = f"{wall['room']}: " if wall["room"] else ""
+    said = f"{where}{wall['length_m']:.1f} m; {wall['reason']}"
+    x, y = wall["facing"]
+    return Topic(
+        "Wall is not in the plan", said, "extra", (), _COLORS["extra"], ((ax, ay, low), (bx, by, high)), (x, y)
+    )

@@ -136,14 +136,11 @@ def _g2o(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
 
 def _ifc(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
     from data.ifc.deviations import write_as_built
-    from sgslam.as_built.elements import unplanned_walls
-    from sgslam.as_built.findings import element_findings, unplanned_findings, wall_findings
+    from sgslam.as_built.findings import element_findings, unplanned_findings
 
     assert bim is not None
-    a_graph, T_bim_map = run.anchored()
-    findings = element_findings(run.elements) or wall_findings(run.deviations, a_graph, run.config.as_built.tolerance)
-    walls = unplanned_walls(run.deviations, run.s_graph, T_bim_map, run.matches, a_graph)
-    unplanned = unplanned_findings(walls, a_graph)
+    a_graph, _ = run.anchored()
+    findings, unplanned = element_findings(run.elements), unplanned_findings(run.unplanned, a_graph)
     target = run.path / IFC
     marked = write_as_built(bim, findings, unplanned, target)
     if findings and not marked:
@@ -155,15 +152,12 @@ def _ifc(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
 def _bcf(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
     from data.ifc.bcf import Model
     from data.ifc.deviations import project_of
-    from sgslam.as_built.elements import unplanned_walls
     from sgslam.as_built.findings import BCF, write_topics
 
     assert bim is not None
-    a_graph, T_bim_map = run.anchored()
+    a_graph, _ = run.anchored()
     model = Model(bim.name, project_of(bim))
-    tolerance = run.config.as_built.tolerance
-    unplanned = unplanned_walls(run.deviations, run.s_graph, T_bim_map, run.matches, a_graph)
-    count = write_topics(run.path, run.deviations, unplanned, a_graph, model, tolerance)
+    count = write_topics(run.path, run.elements, run.unplanned, a_graph, model)
     return [f"{run.path / name}: {count} topics, BCF {version}" for version, name in BCF.items()]
 
 

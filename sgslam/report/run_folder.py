@@ -73,8 +73,8 @@ class RunFolder:
             return {"elements": [], "unplanned": []}
         try:
             content = json.loads(path.read_text())
-            _ = [entry["outline"] for entry in content["elements"]]  # runs of older versions have none
-            return {"elements": content["elements"], "unplanned": content.get("unplanned", [])}
+            _ = [*(own["outline"] for own in content["elements"]), *(own["kind"] for own in content["unplanned"])]
+            return {"elements": content["elements"], "unplanned": content["unplanned"]}
         except (ValueError, KeyError, TypeError, AttributeError):
             raise UserError(f"{path}: is damaged or of an older version; run it again") from None
 

@@ -10,9 +10,6 @@ from numpy.typing import NDArray
 
 from data import SceneGraph
 from data.trajectory import Trajectory
-from sgslam.anchoring import BuildingAnchoring, WallAlignment
-from sgslam.as_built import Deviation, measured_pieces
-from sgslam.as_built.deviation_list import deviations
 from sgslam.backend import Backend, Uncertainty
 from sgslam.config import Config
 from sgslam.mapping import Floors
@@ -87,7 +84,6 @@ def assemble_result(
         s_graph=floors.graph(backend.keyframes, [floor.scene for floor in floors.maps if floor.scene is not None]),
         a_graph=bim,
         matches=matches,
-        deviations=_deviations(anchoring, alignments, floors, backend, in_bim, config),
         anchors=[record.to_dict() for record in anchoring.records] if anchoring is not None else [],
         factors=backend.log,
         pose_covariances=_covariances(backend, in_bim, T_bim_map, run.in_map, run.begin),
@@ -194,26 +190,6 @@ def _walls_seen(floors: Floors, backend: Backend) -> list[int]:
     """The number of walls that each keyframe sees."""
     seen = Counter(sight.keyframe for floor in floors.maps for sight in floor.walls.seen)
     return [seen[k] for k in range(len(backend.keyframes))]
-
-
-def _deviations(
-    anchoring: BuildingAnchoring | None, alignments: dict[int, WallAlignment], floors: Floors, backend: Backend,
-    uncertainty: Uncertainty | None, config: Config,
-) -> list[Deviation]:  # fmt: skip
-    """The content of deviations.json, storey by storey; empty if the run is not anchored."""
-    found: list[Deviation] = []
-    if anchoring is None or uncertainty is None:
-        return found
-    for floor in floors.maps:
-        alignment, scene, own = alignments.get(floor.number), floor.scene, anchoring.of(floor.number)
-        if alignment is None or scene is None:
-            continue
-        pieces = measured_pieces(alignment, scene, floor.walls, uncertainty, anchoring.origin, own.height, config)
-        keyframes = [k for k in backend.keyframes if k.storey == floor.number]
-        found += deviations(
-            pieces, alignment, scene, floor.walls, keyframes, own.storey, anchoring.origin[:2], config
-        )  # fmt: skip
-    return found
 
 
 def _covariances(

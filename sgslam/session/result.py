@@ -4,6 +4,7 @@ import errno
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -16,14 +17,13 @@ from data.common.files import write_atomically, write_json
 from data.geometry.poses import poses_to_xyzquat, xyzquat_to_poses
 from data.ifc.bcf import Model
 from data.plans.bim import IFC_SUFFIXES
+from data.plans.bodies import PlannedElement, bodies_of
 from data.trajectory import Trajectory
 from data.trajectory.correction import moved_with
 from sgslam.anchoring import AnchorEntry
-from sgslam.as_built import Deviation, planned_things, write_topics
-from sgslam.as_built.agreement import agreed
-from sgslam.as_built.elements import ElementVerdict, element_verdicts, unplanned_walls
+from sgslam.as_built import AnchoredMap, Assessment, Deviation, assess
 from sgslam.as_built.elements.files import remove_elements, write_elements
-from sgslam.as_built.findings import remove_topics
+from sgslam.as_built.findings import remove_topics, write_topics
 from sgslam.backend import FactorLog, write_pose_graph
 from sgslam.backend.pose_graph import FILE as POSE_GRAPH
 from sgslam.config import Config
@@ -102,7 +102,7 @@ class Result:
     `trajectory`, in its frame, with the poses that were estimated when the scans arrived; None without a second pass.
     `T_bim_map` (4, 4) is the map's pose in the BIM frame, None if the run is not anchored. `s_graph` is in the map
     frame; `a_graph` is in the BIM frame, None without a plan. `matches` has the form of matches.json, None if nothing
-    was matched; `deviations` has the form of deviations.json, empty if the run is not anchored. `anchors` is the log of
+    was matched. `anchors` is the log of
     all anchors: what added each, and when and why it changed. `factors` is the back end's log: the active factors, and
     those added and withdrawn. `clouds` are indexed by keyframe number, `k<number>` in the S-graph. `first_anchor_s`
     counts from the first scan. `seconds` is the time of each stage. `earlier` are the trajectories of the prior map's
@@ -123,7 +123,6 @@ class Result:
     s_graph: SceneGraph
     a_graph: SceneGraph | None
     matches: "MatchesFile | None"
-    deviations: list[Deviation]
     anchors: list[AnchorEntry]
     factors: FactorLog
     pose_covariances: PoseCovariances | None
@@ -143,6 +142,33 @@ class Result:
     given: Trajectory | None = None
     slam: Resumable | None = None
 
+    @property
+    def deviations(self) -> list[Deviation]:
+        """The content of deviations.json; empty if the run is not anchored."""
+        return list(self.assessment.deviations)
+
+    @cached_property
+    def assessment(self) -> Assessment:
+        """What was found of the planned elements, and what no plan shows; empty if the run is not anchored.
+
+        It is computed when first asked for. The elements are those of `plan_file`, if that is an IFC model, else the
+        walls and levels of `a_graph`. Raises UserError for a model that cannot be read any more.
+        """
+        if self.T_bim_map is None or self.a_graph is None:
+            return Assessment()
+        views = keyframe_views(self.s_graph, self.T_bim_map, self.uncertainty, self.clouds)
+        run = AnchoredMap(self.s_graph, self.a_graph, self.T_bim_map, self.matches, views)
+        return assess(run, *self._planned(), self.config.as_built.tolerance, self.config.anchors.sigma_extraction)
+
+    def _planned(self) -> tuple[Sequence[PlannedElement], Floats]:
+        """The elements of the plan, and the bodies (M, 3, 3) of what else it shows."""
+        if self.plan_file is not None and self.plan_file.suffix.lower() in IFC_SUFFIXES:
+            from data.plans.elements import other_bodies, planned_elements  # loads ifcopenshell
+
+            return planned_elements(self.plan_file), other_bodies(self.plan_file)
+        assert self.a_graph is not None
+        return bodies_of(self.a_graph), np.empty((0, 3, 3))
+
     def to_open3d(self) -> list[Any]:
         """The map's points, the path of the sensor and the walls, in the frame of `trajectory`, as geometries for
         `open3d.visualization.draw_geometries`. Needs the extra `open3d`; raises UserError without it."""
@@ -156,8 +182,7 @@ class Result:
     def save(self, out: Path | str) -> None:
         """Writes the folder of a run, but its log. Raises UserError if it cannot be written to or the disk is full.
 
-        With a plan of which `plan_file` is the IFC model, that includes the verdicts on the model's elements, by which
-        the deviations that are written also count or do not.
+        Of an anchored run, that includes what was found of the planned elements.
         """
         out = prepare_folder(Path(out))
         save_result(self, out)
@@ -238,7 +263,6 @@ def _save(result: Result, out: Path, truth: Trajectory | None, more: dict[str, A
     if result.a_graph is not None:
         result.a_graph.save(out / "a_graph.json")
     write_json(out / "matches.json", result.matches or _no_match(result.reason))
-    write_json(out / "deviations.json", result.deviations)
     write_atomically(out / "config.yaml", save_config(result.config))
     result.clouds.copy_to(out / CLOUDS)
     poses = xyzquat_to_poses(np.array([keyframe.pose for keyframe in result.s_graph.keyframes]))
@@ -262,60 +286,28 @@ def _save(result: Result, out: Path, truth: Trajectory | None, more: dict[str, A
 def _compare(result: Result, out: Path, metrics: dict[str, Any]) -> tuple[Result, list[dict[str, Any]] | None]:
     """Writes what deviates from the plan, as deviations.json, elements and BCF, or removes what an earlier run left.
 
-    Returns the result with these deviations, and the elements of the report, None without an IFC model. One that cannot
-    be read any more becomes advice in `metrics`.
+    Returns the result, and the elements of the report, None if the run is not anchored. An IFC model that cannot be
+    read any more becomes advice in `metrics`, and the elements are those of the A-graph.
     """
-    T_bim_map, a_graph, model = result.T_bim_map, result.a_graph, result.plan_file
-    if T_bim_map is None or a_graph is None:
+    a_graph = result.a_graph
+    if result.T_bim_map is None or a_graph is None:
         remove_elements(out)
         remove_topics(out)
+        write_json(out / "deviations.json", [])
         return result, None
-    verdicts: list[ElementVerdict] | None = None
-    if model is not None and model.suffix.lower() in IFC_SUFFIXES:
-        try:
-            result = without_planned_things(result, model)
-            verdicts = run_verdicts(result, model)
-        except UserError as error:
-            _log.warning("no verdicts on elements: %s", error)
-            metrics["advice"] = [*metrics["advice"], f"no verdicts on elements: {error}"]
-    result = replace(result, deviations=agreed(result.deviations, verdicts or ()))
-    tolerance = result.config.as_built.tolerance
-    unplanned = unplanned_walls(result.deviations, result.s_graph, T_bim_map, result.matches, a_graph)
-    write_json(out / "deviations.json", result.deviations)
-    name = "" if model is None else model.name
-    write_topics(out, result.deviations, unplanned, a_graph, Model(name), tolerance)
-    if verdicts is None:
-        remove_elements(out)
-        return result, None
-    write_elements(out, verdicts, tolerance, unplanned)
-    return result, [*map(asdict, verdicts), *(shown_as_element(asdict(wall)) for wall in unplanned)]
-
-
-def run_verdicts(result: Result, ifc: Path) -> list[ElementVerdict]:
-    """The verdicts on the elements of an IFC model, of a run that is anchored to it.
-
-    Raises UserError for a model that cannot be read.
-    """
-    from data.plans.elements import planned_elements  # loads ifcopenshell
-
-    assert result.T_bim_map is not None and result.a_graph is not None
-    views = keyframe_views(result.s_graph, result.T_bim_map, result.uncertainty, result.clouds)
-    tolerance, shared = result.config.as_built.tolerance, result.config.anchors.sigma_extraction
-    return element_verdicts(planned_elements(ifc), views, result.a_graph, tolerance, shared)
-
-
-def without_planned_things(result: Result, ifc: Path) -> Result:
-    """The result without extra walls that are other things of an IFC model, such as stairs and railings.
-
-    Raises UserError for a model that cannot be read.
-    """
-    if result.T_bim_map is None or all(d["kind"] != "extra" for d in result.deviations):
-        return result
-    from data.plans.elements import other_bodies  # loads ifcopenshell
-
-    bodies = other_bodies(ifc)
-    kept = planned_things.without_planned_things(result.deviations, result.s_graph, result.T_bim_map, bodies)
-    return replace(result, deviations=kept)
+    try:
+        found = result.assessment
+    except UserError as error:
+        _log.warning("the elements are those of the A-graph: %s", error)
+        metrics["advice"] = [*metrics["advice"], f"the elements are those of the A-graph: {error}"]
+        result = replace(result, plan_file=None)
+        found = result.assessment
+    write_json(out / "deviations.json", found.deviations)
+    elements, unplanned = ([asdict(entry) for entry in entries] for entries in (found.elements, found.unplanned))
+    name = "" if result.plan_file is None else result.plan_file.name
+    write_topics(out, elements, unplanned, a_graph, Model(name))
+    write_elements(out, elements, result.config.as_built.tolerance, unplanned)
+    return result, [*elements, *(shown_as_element(own) for own in unplanned if own["kind"] == "wall-like")]
 
 
 def _write_report(

@@ -17,10 +17,10 @@ def keyframe_views(
     keyframes = s_graph.keyframes
     poses = T_bim_map @ xyzquat_to_poses(np.array([keyframe.pose for keyframe in keyframes]))
     nearest = np.clip(np.searchsorted(told.stamps_ns, [k.stamp_ns for k in keyframes]), 0, len(told.stamps_ns) - 1)
-    sigma = np.nan_to_num(told.sigma[nearest, :2].max(axis=1), nan=np.inf)
+    sigma = told.sigma[nearest, :3]
     heading = np.nan_to_num(told.sigma[nearest, 5], nan=np.inf)
     return [
-        View(points, T, float(own), float(turn))
+        View(points, T, own, float(turn))
         for keyframe, T, own, turn in zip(keyframes, poses, sigma, heading, strict=True)
-        for points in [clouds[int(keyframe.id[1:])]] if len(points) and np.isfinite(own)
+        for points in [clouds[int(keyframe.id[1:])]] if len(points) and np.isfinite(own).all()
     ]  # fmt: skip

@@ -1,16 +1,13 @@
 """A verdict for each planned element, in the tolerance classes of the trade, and its files."""
 
-from sgslam.as_built.elements.entries import ElementVerdict, Verdict
+from sgslam.as_built.elements.entries import ElementVerdict, Finding, Verdict
 from sgslam.as_built.elements.tolerance_classes import SURE_SIGMAS
-from sgslam.as_built.elements.unplanned import UNPLANNED, UnplannedEntry, unplanned_walls
-from sgslam.as_built.elements.verdicts import element_verdicts
+from sgslam.as_built.elements.verdicts import element_findings
 
 __all__ = [
     "SURE_SIGMAS",
-    "UNPLANNED",
     "ElementVerdict",
-    "UnplannedEntry",
+    "Finding",
     "Verdict",
-    "element_verdicts",
-    "unplanned_walls",
+    "element_findings",
 ]

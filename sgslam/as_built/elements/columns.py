@@ -84,7 +84,8 @@ def _standing(
     distance = float(np.linalg.norm(shift))
     direction = shift / distance if distance > 0 else np.array([1.0, 0.0, 0.0])
     own = float(np.sqrt(direction[:2] @ spread @ direction[:2]))
-    sigma = float(np.linalg.norm([own, shared, pose_noise([views[int(k)] for k in seen_by]).position]))
+    poses = pose_noise([views[int(k)] for k in seen_by], direction)
+    sigma = float(np.linalg.norm([own, shared, poses.position]))
     # noise makes a vector longer, never shorter
     verdict, sure = verdict_on_offset(float(np.sqrt(max(distance**2 - sigma**2, 0.0))), sigma, tolerance)
     reason = f"it stands {1000 * distance:.0f} mm off in plan view, by {int(at.sum())} rays"

@@ -10,13 +10,12 @@ import math
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from data.common.files import write_atomically, write_json
-from sgslam.as_built.elements import UNPLANNED, ElementVerdict, UnplannedEntry
+from sgslam.as_built.deviation_bands import UNPLANNED
 
 _log = logging.getLogger(__name__)
 JSON, CSV, XLSX = "elements.json", "elements.csv", "elements.xlsx"
@@ -31,14 +30,13 @@ Cell = str | float | int | None
 
 
 def write_elements(
-    out: Path, verdicts: Sequence[ElementVerdict], tolerance: float, unplanned: Sequence[UnplannedEntry] = ()
+    out: Path, elements: Sequence[Mapping[str, Any]], tolerance: float, unplanned: Sequence[Mapping[str, Any]] = ()
 ) -> None:
     """Writes the files to the folder `out`, each atomically; `tolerance` (m) is that of the verdicts."""
-    counts = Counter(verdict.verdict for verdict in verdicts)
-    entries = [asdict(verdict) for verdict in verdicts]
-    more = [asdict(wall) for wall in unplanned]
-    write_json(out / JSON, {"tolerance_m": tolerance, "counts": dict(counts), "elements": entries, "unplanned": more})
-    write_tables(out, entries, more)
+    counts = Counter(entry["verdict"] for entry in elements)
+    content = {"tolerance_m": tolerance, "counts": counts, "elements": elements, "unplanned": unplanned}
+    write_json(out / JSON, content)
+    write_tables(out, elements, [wall for wall in unplanned if wall["kind"] == "wall-like"])
 
 
 def write_tables(out: Path, entries: Sequence[Mapping[str, Any]], unplanned: Sequence[Mapping[str, Any]] = ()) -> None:

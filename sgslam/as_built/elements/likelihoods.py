@@ -1,7 +1,10 @@
 """What the tests of all elements share: how rays scatter about a surface, and when a hypothesis is believed."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from sgslam.as_built.elements.entries import Verdict
 from sgslam.as_built.elements.rays import View
@@ -15,7 +18,9 @@ NOISE = 0.02  # m, standard deviation of one sighting of a cell: noise of a rang
 REACH = 0.4  # m, largest offset that is looked for; beyond it stands another thing
 BEHIND = 0.15  # m behind a surface, from which on a ray went through it
 BEFORE, THROUGH, SPREAD = 0.2, 0.03, 0.05  # of the sightings of a surface: things before it, gaps in it, outliers
+GLASS, PANE = 0.3, 1.5  # share of glass in walls whose windows are not known, and m2 of one pane
 DEPTH = 5.0  # m over which what is met elsewhere than at a surface is spread
+UNDECIDED = 0.16  # probability of the unlikelier of two verdicts, one standard deviation from the limit
 SURE = float(np.log(100.0))  # log-likelihood of the evidence by which one hypothesis must lead
 # m, standard deviation of the sensor's place while a scan is taken: a tenth of a second at walking pace
 SWEEP = 0.025
@@ -26,29 +31,36 @@ def bell(x: Floats, sigma: float = NOISE) -> Floats:
     return np.asarray(np.exp(-0.5 * (x / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi)))
 
 
-def crossing_blur(views: list[View], view: NDArray[np.int64], crossed: Floats, measured: Floats) -> Floats:
-    """(N,) metres, how exactly the place is known at which rays, measured to (N,), cross a surface at `crossed` (N,).
+def crossing_blur(
+    views: Sequence[View], view: NDArray[np.int64], along: Floats, crossed: Floats, measured: Floats
+) -> Floats:
+    """(N,) metres, how exactly the place `along` (3,) a surface is known at which rays, measured to (N,), cross it at
+    `crossed` (N,).
 
     What a ray meets is known best: its points are put at one instant, so only their ends are where they were measured.
     """
-    position = np.array([own.sigma for own in views])[view]
+    position = np.array([np.linalg.norm(own.sigma * along) for own in views])[view]
     heading = np.nan_to_num([own.sigma_heading for own in views], posinf=0.0)[view]
     beyond = SWEEP * np.clip(1 - crossed / np.maximum(measured, 1e-6), 0.0, 1.0)
     return np.asarray(np.sqrt(position**2 + (heading * crossed) ** 2 + beyond**2))
 
 
-def pose_noise(views: list[View]) -> PoseNoise:
-    """The median noise of the poses of these keyframes."""
-    position, heading = np.median([(view.sigma, view.sigma_heading) for view in views], axis=0).tolist()
+def pose_noise(views: Sequence[View], direction: Floats) -> PoseNoise:
+    """The median noise of the poses of these keyframes, their positions' along a unit vector (3,)."""
+    noise = [(float(np.linalg.norm(view.sigma * direction)), view.sigma_heading) for view in views]
+    position, heading = np.median(noise, axis=0).tolist()
     return PoseNoise(position, heading, len(views))
 
 
 def verdict_on_offset(distance: float, sigma: float, tolerance: float) -> tuple[Verdict, bool]:
-    """The verdict on an offset (m) with its standard deviation, and whether it is sure."""
-    sure = abs(distance - tolerance) > SURE_SIGMAS * sigma
-    if not sure and sigma > tolerance:
+    """The verdict on an offset (m) with its standard deviation, and whether it is sure.
+
+    The likelier one; none where the measurement is coarser than the tolerance, unless one is by far likelier.
+    """
+    off = float(ndtr((distance - tolerance) / sigma) + ndtr((-distance - tolerance) / sigma))
+    if sigma > tolerance and UNDECIDED < off < 1 - UNDECIDED:
         return "uncertain", False
-    return ("as planned" if distance <= tolerance else "moved"), sure
+    return ("as planned" if distance <= tolerance else "moved"), abs(distance - tolerance) > SURE_SIGMAS * sigma
 
 
 def too_little(cells: int, views: int) -> str:

@@ -18,12 +18,12 @@ _MOST_VIEWS = 150  # the nearest; more tell the same again, and a long run has t
 
 @dataclass(frozen=True)
 class View:
-    """One keyframe: `points` (N, 3) in the sensor frame, `T_bim_sensor` (4, 4), standard deviations `sigma` (m) of its
-    position and `sigma_heading` (rad) of its turn about the vertical."""
+    """One keyframe: `points` (N, 3) in the sensor frame, `T_bim_sensor` (4, 4), standard deviations `sigma` (3,) of its
+    position along x, y, z of the BIM frame (m), and `sigma_heading` (rad) of its turn about the vertical."""
 
     points: NDArray[np.float32]
     T_bim_sensor: Floats
-    sigma: float
+    sigma: Floats
     sigma_heading: float
 
     @property

@@ -6,16 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.plans.bodies import PlannedElement
-from data.scene_graph import SceneGraph
 from sgslam.as_built.elements.columns import column_finding, is_column
-from sgslam.as_built.elements.entries import ElementVerdict, Finding, PlannedRooms, entry
+from sgslam.as_built.elements.entries import Finding
 from sgslam.as_built.elements.likelihoods import (
     BEFORE,
     BEHIND,
     DEPTH,
+    GLASS,
     LEAST_CELLS,
     LEAST_VIEWS,
     NOISE,
+    PANE,
     REACH,
     SPREAD,
     SURE,
@@ -34,16 +35,15 @@ _LEAST_SHARE = 0.3  # of the sightings of a moved surface: if nearly all are bef
 
 
 def element_findings(
-    elements: Sequence[PlannedElement], views: Sequence[View], tolerance: float, shared: float
+    elements: Sequence[PlannedElement], rays: SeenRays, tolerance: float, shared: float
 ) -> list[Finding]:
-    """What was found of each element, in their order.
+    """What was found of each element, in their order, by `rays` that were compared with those that are solid.
 
     `tolerance` (m) is the largest offset that counts as planned, `shared` (m) the standard deviation of the error that
     all sightings of an element share. An element is moved or as planned by its likeliest offset, and `conclusive` where
     two sigma do not reach the tolerance; where one sigma is larger than the tolerance, the measurement does not tell.
     """
-    solids = [element for element in elements if element.kind == "solid"]
-    rays = SeenRays(views, solids)
+    views, solids = rays.views, [element for element in elements if element.kind == "solid"]
     seen = sightings(rays)
     order = np.argsort(seen.element, kind="stable")
     ends = np.searchsorted(seen.element[order], np.arange(len(solids) + 1))
@@ -54,7 +54,8 @@ def element_findings(
                 k, solids, rays.near(element.triangles, k), views, tolerance, shared
             )
         else:
-            found[element.global_id] = _solid(seen, order[ends[k] : ends[k + 1]], views, tolerance, shared)
+            mine = order[ends[k] : ends[k + 1]]
+            found[element.global_id] = _solid(seen, mine, views, tolerance, shared, element.glazed)
     index = {element.global_id: k for k, element in enumerate(solids)}
     for opening in (element for element in elements if element.kind == "opening"):
         host = index.get(opening.wall)
@@ -66,19 +67,13 @@ def element_findings(
     return [found[element.global_id] for element in elements]
 
 
-def element_verdicts(
-    elements: Sequence[PlannedElement], views: Sequence[View], plan: SceneGraph, tolerance: float, shared: float
-) -> list[ElementVerdict]:
-    """The entry of each element, in their order; the arguments as in `element_findings`."""
-    rooms = PlannedRooms.of(plan)
-    found = element_findings(elements, views, tolerance, shared)
-    return [entry(element, finding, rooms) for element, finding in zip(elements, found, strict=True)]
-
-
 def _solid(
-    seen: Sightings, mine: NDArray[np.int64], views: Sequence[View], tolerance: float, shared: float
-) -> Finding:  # fmt: skip
-    """The likelihoods of the sightings of a body, if it stands at its best offset, and if it is absent."""
+    seen: Sightings, mine: NDArray[np.int64], views: Sequence[View], tolerance: float, shared: float, glazed: bool
+) -> Finding:
+    """The likelihoods of the sightings of a body, if it stands at its best offset, and if it is absent.
+
+    Rays pass through the panes of what is `glazed`, all that meet one of them together.
+    """
     count = len(np.unique(seen.view[mine]))
     cells = len(np.unique(seen.cell[mine], axis=0))
     if count < LEAST_VIEWS or cells < LEAST_CELLS:
@@ -90,17 +85,20 @@ def _solid(
     weight = 1 / counts[cell.ravel()]
     d = _mode(sign * offset, weight)
     before = offset - sign * d  # what was met, before (+) or behind (-) the surface that stands at d
-    stands = float(np.sum(weight * _log_standing(before)))
-    absent = float(np.sum(weight * _log_absent(offset)))
     at, through = np.abs(before) < 3 * NOISE, before < -BEHIND
+    tells = weight * np.where(through, CELL**2 / PANE, 1.0) if glazed else weight
+    stands = float(np.sum(tells * _log_standing(before, GLASS if glazed else THROUGH)))
+    absent = float(np.sum(tells * _log_absent(offset)))
     share = float(np.sum(weight * (at | through)) / np.sum(weight))
     enough = 0.5 * LEAST_CELLS
     if absent - stands > SURE and np.sum(weight * through) >= enough:  # not only behind it by centimetres: an edge
         return Finding("absent", "seen through its place", conclusive=True, seen=share, views=count)
     if stands - absent < SURE or np.sum(weight * at) < enough:
+        if glazed and np.sum(weight * through) >= np.sum(weight * at):
+            return Finding("uncertain", "seen through: absent, or of glass", seen=share, views=count)
         return Finding("not seen" if not through.any() else "uncertain", "mostly hidden", seen=share, views=count)
     scatter = NOISE / np.sqrt(max(np.sum(weight * at), 1.0))
-    poses = pose_noise([views[k] for k in np.unique(seen.view[mine[at]])])
+    poses = pose_noise([views[k] for k in np.unique(seen.view[mine[at]])], direction)
     sigma = float(np.linalg.norm([scatter, shared, poses.position]))
     places = np.asarray(CELL * (seen.cell[mine[at]] + 0.5), dtype=np.float64)
     turn = turn_of(places, (sign * offset)[at], weight[at], direction, NOISE, poses)
@@ -136,11 +134,11 @@ def _mode(shift: Floats, weight: Floats) -> float:
     return float(candidates[np.argmax(near @ weight)])
 
 
-def _log_standing(before: Floats) -> Floats:
-    """Log-densities (1/m) of what is met, if an opaque surface stands: it, things before it, rarely what is behind."""
+def _log_standing(before: Floats, gaps: float) -> Floats:
+    """Log-densities (1/m) of what is met, if a surface with a share of `gaps` stands: it, and things on both sides."""
     at = np.exp(-0.5 * (before / NOISE) ** 2) / (NOISE * np.sqrt(2 * np.pi))
-    else_ = np.where(before > 0, BEFORE, THROUGH) / DEPTH
-    return np.asarray(np.log((1 - BEFORE - THROUGH) * at + else_))
+    else_ = np.where(before > 0, BEFORE, gaps) / DEPTH
+    return np.asarray(np.log((1 - BEFORE - gaps) * at + else_))
 
 
 def _log_absent(offset: Floats) -> Floats:

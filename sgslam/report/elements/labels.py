@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from sgslam.as_built.elements import UNPLANNED
+from sgslam.as_built.deviation_bands import UNPLANNED
 
 VERDICTS = ("moved", "absent", UNPLANNED, "uncertain", "as planned", "not seen")  # what needs a look comes first
 _SPREAD_OUT = ("IfcSlab", "IfcCovering")  # they lie under or over everything else in plan view

@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sgslam.as_built.deviation_bands import signed_mm
-from sgslam.as_built.elements import UNPLANNED
+from sgslam.as_built.deviation_bands import UNPLANNED, signed_mm
 from sgslam.report.elements.labels import VERDICTS, element_name, kind
 from sgslam.report.number_formats import NOTHING
 

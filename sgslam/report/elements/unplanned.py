@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from sgslam.as_built.elements import UNPLANNED
+from sgslam.as_built.deviation_bands import UNPLANNED
 
 _DRAWN = 0.1  # m, the thickness of an unplanned wall in the plan
 

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph
-from sgslam.anchoring import WallAlignment
-from sgslam.as_built.deviations import STEP, along_planned
-from sgslam.mapping import Floors
+from sgslam.anchoring import AlignedWall, WallAlignment
+from sgslam.mapping import Floors, WallMap
 
 Floats = NDArray[np.float64]
+STEP = 0.1  # m along a wall
 Part = tuple[str, float, float, bool]  # as in `WallSurface.parts`
 
 
@@ -30,12 +30,31 @@ def standing_walls(
         for aligned in alignment.walls:
             wall, planned = scene.wall_of_surface[aligned.surface.id], aligned.planned
             middle = np.subtract(planned.centroid, origin[:2])
-            seen, _ = along_planned(aligned, covered[wall], floor.walls, wall, alignment.place, middle)
+            seen = along_planned(aligned, covered[wall], floor.walls, wall, alignment.place, middle)
             half = 0.5 * (planned.length or 0.0)
             own = planned.parts or ((planned.source, -half, half, True),)
             standing.setdefault(planned.id, []).extend(seen_parts(own, seen))
     walls = [w for w in plan.wall_surfaces if standing.get(w.id)]
     return replace(plan, wall_surfaces=tuple(replace(w, parts=tuple(standing[w.id])) for w in walls))
+
+
+def along_planned(
+    aligned: AlignedWall, covered: Floats, walls: WallMap, wall: int, place: Floats, centre: Floats
+) -> Floats:
+    """The places (N,) at which a surface was seen, in metres along the planned surface.
+
+    `centre` is that of the planned surface in the local frame. `covered` are the places of the whole wall along its own
+    tangent.
+    """
+    n = walls.normal_in_level(wall)
+    tangent = np.array([-n[1], n[0]])
+    ends = np.array(aligned.surface.ends())
+    first, last = np.sort(ends @ tangent)
+    c, s = np.cos(place[0]), np.sin(place[0])
+    planned = np.array([-aligned.planned.normal[1], aligned.planned.normal[0]])
+    ends_along = (ends @ np.array([[c, s], [-s, c]]) + place[1:] - centre[:2]) @ planned
+    shift = float(ends_along.mean() - (first + last) / 2)  # both tangents point the same way, to a few degrees
+    return np.asarray(covered[(covered > first) & (covered < last)] + shift)
 
 
 def seen_parts(parts: tuple[Part, ...], seen: Floats) -> list[Part]:

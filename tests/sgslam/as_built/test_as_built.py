@@ -5,6 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sgslam.as_built.deviation_tests import run_deviation_tests
+from sgslam.as_built.mapped_walls import MappedWalls
+from sgslam.as_built.visibility import Visibility
+from sgslam.as_built.wall_solids import WallSolid, sides_of, solids_of
 from small_ifc import STOREY, write_small_ifc
 
 from data import WallSurface
@@ -16,10 +20,6 @@ from data.simulation.simulate import simulate
 from sgslam.anchoring import AlignedWall
 from sgslam.anchoring.wall_association import WallArrays, associate_walls
 from sgslam.as_built import Piece
-from sgslam.as_built.deviation_tests import run_deviation_tests
-from sgslam.as_built.mapped_walls import MappedWalls
-from sgslam.as_built.visibility import Visibility
-from sgslam.as_built.wall_solids import WallSolid, sides_of, solids_of
 from sgslam.config import AnchorSettings, AsBuiltSettings, Config
 
 

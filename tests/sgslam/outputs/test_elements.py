@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from report_samples import verdict
+from sgslam.as_built.agreement import agreed
 from two_rooms_seen import Floats, box
 
 from data.common.errors import UserError
 from data.geometry.raycast import TriangleScene
 from data.plans.elements import PlannedElement
 from data.scene_graph import SceneGraph
-from sgslam.as_built.agreement import agreed
 from sgslam.as_built.deviation_entries import Deviation
 from sgslam.as_built.elements import ElementVerdict, element_verdicts
 from sgslam.as_built.elements.files import PICTURES, picture_of, write_elements

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from boxes import triangles_of
 from report_samples import Page, reported
+from sgslam.as_built.elements.wall_faces import Face, one_wall_each
+from sgslam.as_built.planned_things import without_planned_things
 
 from data.scene_graph import Floor, Room, SceneGraph, WallSurface
 from sgslam.as_built.elements import UnplannedEntry, unplanned_walls
 from sgslam.as_built.elements.files import write_elements
-from sgslam.as_built.elements.wall_faces import Face, one_wall_each
-from sgslam.as_built.planned_things import without_planned_things
 from sgslam.report.elements import shown_as_element
 from sgslam.report.page import report_html
 

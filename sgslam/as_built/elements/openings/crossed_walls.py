@@ -82,7 +82,8 @@ def _side(
     cell = np.floor(np.column_stack([u, up[chosen] - reveal.bottom]) / CELL).astype(np.int64)
     return CrossedWall(
         face, rays.view, u, u + slope[chosen] @ reveal.along, reveal.width, depth,
-        crossing_blur(views, rays.view, near, rays.measured), weight, cell, depth > reveal.depth + 2 * NOISE,
+        crossing_blur(views, rays.view, reveal.along, near, rays.measured), weight, cell,
+        depth > reveal.depth + 2 * NOISE,
     )  # fmt: skip
 
 

@@ -76,7 +76,7 @@ def opening_finding(
     state = "rays pass" if _open(sides) else "it is closed by a leaf or a pane"
     if fit.sigma > _UNSURE:
         return Finding("as planned", f"{state}; its edges are not seen", seen=share, views=count)
-    poses = pose_noise([views[int(k)] for k in seen_by])
+    poses = pose_noise([views[int(k)] for k in seen_by], reveal.along)
     sigma = float(np.linalg.norm([fit.sigma, shared, poses.position]))
     verdict, sure = verdict_on_offset(abs(fit.along), sigma, tolerance)
     reason = f"its edges are at {1000 * fit.along:+.0f} mm along the wall; {state}"

@@ -1,0 +1,1 @@
+"""Things that stand and that no plan shows."""
