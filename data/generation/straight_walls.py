@@ -45,6 +45,10 @@ class StraightWall:
         """Its footprint."""
         return self.box(self.low, self.high)
 
+    def shifted(self, across: float) -> "StraightWall":
+        """The wall, so many metres farther across."""
+        return replace(self, near=self.near + across, far=self.far + across)
+
     def met(self, low: float, high: float, areas: Sequence[Area]) -> NDArray[np.float64]:
         """(N,) the places along the wall of the corners of what lies in its way between two places."""
         core = replace(self, near=self.near + IN_LINE, far=self.far - IN_LINE).box(low, high)
