@@ -117,15 +117,16 @@ def _columns(rooms: Sequence[Area], walls: Sequence[StraightWall], holes: Sequen
     for _ in range(TRIES * count):
         half, own = float(rng.uniform(*SIDES)) / 2, len(walls)
         if rng.random() < FREE and large:
-            (x0, y0, x1, y1) = large[int(rng.integers(len(large)))].bounds
+            room = large[int(rng.integers(len(large)))]
+            x0, y0, x1, y1 = room.bounds
             at = shapely.Point(rng.uniform((x0, y0), (x1, y1)))
-            column, room = at.buffer(half, cap_style="round" if rng.random() < 0.5 else "square"), inside
+            column = at.buffer(half, cap_style="round" if rng.random() < 0.5 else "square")
         else:
             own = int(rng.integers(len(walls)))
             wall, u = walls[own], float(rng.uniform(walls[own].low, walls[own].high))
             across = float(rng.choice([wall.near - half, (wall.near + wall.far) / 2, wall.far + half]))
             at = shapely.Point((u, across)[:: 1 - 2 * wall.axis])
-            column, room = at.buffer(half, cap_style="square"), inside.union(wall.area.buffer(0.0))
+            column, room = at.buffer(half, cap_style="square"), inside.union(wall.area)
         others = [*np.delete(areas, own if own < len(areas) else []), *holes, *found]
         if room.buffer(TILT).contains(column) and shapely.distance(column, others).min() > CLEAR:
             found.append(column)
