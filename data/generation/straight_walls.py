@@ -13,7 +13,7 @@ from shapely.geometry.polygon import orient
 
 from data.geometry.areas import Area, closed, difference, united
 from data.geometry.intervals import common, without
-from data.plans.polygons import Points, edges_of, frame_of
+from data.plans.polygons import edges_of, frame_of
 
 PIER, SHAFT = 0.42, 0.85  # m: how far a pier reaches into a room, and the longest side of a shaft in its corner
 LEAST = 0.02, 0.35  # m long, of a wall between rooms and of an outer one: more than an inner wall is thick
@@ -89,15 +89,17 @@ def outline_of(rooms: Sequence[Area], outer: float) -> Area:
 
 
 def without_features(room: Area) -> Area:
-    """A room without the piers at its walls and the shafts in its corners."""
+    """A room without the piers at its walls and the shafts in its corners, in whole millimetres."""
     ring, k = np.asarray(orient(room).exterior.coords)[:-1], 0
     while k < len(ring):
-        a, b, c, d = np.roll(ring, -k, axis=0)[:4]
-        sides = np.hypot(*np.diff([a, b, c, d], axis=0).T)
-        if _is_reflex(a, b, c) and _is_reflex(b, c, d) and max(sides[0], sides[2]) < PIER and sides[1] < SHAFT:
-            ring, k = np.roll(ring, -k, axis=0)[4:], 0
-        elif _is_reflex(a, b, c) and not _is_reflex(b, c, d) and max(sides[:2]) < SHAFT:
-            ring, k = np.concatenate([[a + c - b], np.roll(ring, -k, axis=0)[3:]]), 0
+        corners = np.roll(ring, -k, axis=0)
+        steps = np.roll(corners, -1, axis=0) - corners
+        lengths, (x, y), (x0, y0) = np.hypot(*steps.T), steps.T, np.roll(steps, 1, axis=0).T
+        is_reflex = (x0 * y - y0 * x < 0)[:3].tolist()
+        if is_reflex[1:] == [True, True] and max(lengths[0], lengths[2]) < PIER and lengths[1] < SHAFT:
+            ring, k = corners[4:], 0
+        elif is_reflex == [False, True, False] and max(lengths[:2]) < SHAFT:
+            ring, k = np.concatenate([[corners[0] + corners[2] - corners[1]], corners[3:]]), 0
         else:
             k += 1
     return _squared(shapely.Polygon(ring).simplify(TILT))
@@ -106,18 +108,12 @@ def without_features(room: Area) -> Area:
 def _squared(room: Area) -> Area:
     """The room with sides along the axes, in whole millimetres."""
     ring = np.asarray(room.exterior.coords)[:-1]
-    middles = ((ring + np.roll(ring, -1, axis=0)) / 2).round(3)  # of the side after each corner
-    before, after = np.roll(middles, 1, axis=0), middles
-    runs_along_x = np.ptp([ring, np.roll(ring, -1, axis=0)], axis=0).argmax(axis=1) == 0
-    corners = np.where(
-        runs_along_x[:, None], np.stack([before[:, 0], after[:, 1]], 1), np.stack([after[:, 0], before[:, 1]], 1)
-    )
-    return shapely.Polygon(corners)
-
-
-def _is_reflex(a: Points, b: Points, c: Points) -> bool:
-    (x0, y0), (x1, y1) = b - a, c - b
-    return bool(x0 * y1 - y0 * x1 < 0)
+    following = np.roll(ring, -1, axis=0)
+    after = ((ring + following) / 2).round(3)  # the middle of the side after each corner
+    before = np.roll(after, 1, axis=0)
+    is_along_x = np.ptp([ring, following], axis=0).argmax(axis=1) == 0
+    # the one of the two sides gives x, the other one y
+    return shapely.Polygon(np.where(np.stack([is_along_x, ~is_along_x], axis=1), before, after))
 
 
 def _pieces(rooms: Sequence[Area], outer: float) -> list[StraightWall]:
@@ -132,11 +128,9 @@ def _pieces(rooms: Sequence[Area], outer: float) -> list[StraightWall]:
         opposite = [f for f in faces if (f.axis, f.inward) == (face.axis, -face.inward) and 0 < depth(f) < 2 * outer]
         free = [(face.low, face.high)]
         for other in sorted(opposite, key=depth):
-            if face.inward > 0:
-                shared = common(free, [(other.low, other.high)])
-                found += [
-                    replace(face, low=a, high=b, near=other.near, inward=0) for a, b in shared if b - a > LEAST[0]
-                ]
+            shared = common(free, [(other.low, other.high)]) if face.inward > 0 else []  # each pair of faces once
+            between = replace(face, near=other.near, inward=0)
+            found += [replace(between, low=a, high=b) for a, b in shared if b - a > LEAST[0]]
             free = without(free, [(other.low, other.high)])
         near, far = sorted((face.near, face.near - face.inward * outer))
         found += [replace(face, low=a, high=b, near=near, far=far) for a, b in free if b - a > LEAST[1]]
@@ -160,14 +154,10 @@ def _joined(pieces: Sequence[StraightWall], gap: float, taken: Sequence[Area]) -
     walls: list[StraightWall] = []
     for piece in sorted(pieces, key=lambda p: p.low):
         for k, wall in enumerate(walls):
-            is_next = wall.inward == piece.inward and 0 < piece.low - wall.high < gap
             in_line = max(abs(wall.near - piece.near), abs(wall.far - piece.far)) < IN_LINE
-            if (
-                is_next
-                and in_line
-                and piece.high - wall.low < LONGEST
-                and not len(wall.met(wall.high, piece.low, taken))
-            ):
+            is_next = 0 < piece.low - wall.high < gap and piece.high - wall.low < LONGEST
+            same = in_line and is_next and wall.inward == piece.inward
+            if same and not len(wall.met(wall.high, piece.low, taken)):
                 walls[k] = replace(wall, high=piece.high)
                 break
         else:
