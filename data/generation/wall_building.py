@@ -39,8 +39,10 @@ TRIES = 60  # of a place, for each column
 
 
 def write_wall_building(plan: SceneGraph, path: Path | str, seed: int) -> None:
-    """Writes the only storey of a plan as an IFC file. Raises UserError where a room's walls are not at right
-    angles to each other."""
+    """Writes the only storey of a plan as an IFC file. Raises UserError for a plan of several storeys, or with walls
+    that are not at right angles to each other."""
+    if len(plan.floors) > 1:
+        raise UserError(f"a plan of {len(plan.floors)} storeys; give one of a single storey")
     rng = np.random.default_rng([seed, 67, len(plan.rooms)])
     outer, height, width = (float(rng.choice(OUTER)), *(float(rng.uniform(*limits)) for limits in (HEIGHTS, WINDOWS)))
     T_bim_plan, rooms = _squared_rooms(plan)

@@ -112,7 +112,9 @@ def test_the_same_plan_and_seed_give_the_same_bytes(written: Written, tmp_path: 
     assert (tmp_path / "again.ifc").read_bytes() == written.path.read_bytes() != (tmp_path / "other.ifc").read_bytes()
 
 
-def test_a_plan_with_slanted_walls_is_refused(tmp_path: Path) -> None:
+def test_a_plan_with_slanted_walls_or_several_storeys_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="storeys"):
+        write_wall_building(generate_plan("tower", 0).graph, tmp_path / "tower.ifc", 0)
     slanted = next(plan for seed in range(9) if _is_slanted(plan := generate_plan("skewed", seed).graph))
     with pytest.raises(UserError, match="right angles"):
         write_wall_building(slanted, tmp_path / "skewed.ifc", 0)
