@@ -20,14 +20,16 @@ from data.scene_graph import SceneGraph
 
 GENERATED = "generated/"
 LEVELS = "levels/"
+WALLS = "walls/"
 FIRST_TEST_SEED = 902_000
 """Generated buildings below were used for training, or to choose settings."""
 
 
 class Building(BaseModel):
-    """A building: an IFC file, a mesh, `demo`, `generated/KIND_SEED`, or `levels/KIND_SEED` with floors and ceilings at
-    several heights (the demo likewise; one in three has galleries); the `storey` that is driven through, None for
-    the lowest. Settings were chosen by those for `development`."""
+    """A building: an IFC file, a mesh, `demo`, `generated/KIND_SEED`, `walls/KIND_SEED` with walls, doors, windows and
+    columns as elements, or `levels/KIND_SEED` with floors and ceilings at several heights (the demo likewise; one in
+    three has galleries); the `storey` that is driven through, None for the lowest. Settings were chosen by those for
+    `development`."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -38,7 +40,7 @@ class Building(BaseModel):
 
     def files(self) -> set[str]:
         """The path of its file; none for those that are made."""
-        if self.bim == "demo" or self.bim.startswith((GENERATED, LEVELS)):
+        if self.bim == "demo" or self.bim.startswith((GENERATED, LEVELS, WALLS)):
             return set()
         return {self.bim}
 
@@ -56,7 +58,7 @@ def _listed() -> dict[str, Building]:
 
 def building_named(name: str) -> Building:
     """A listed building, or one that is made of its name. Raises UserError for an unknown one."""
-    if name.startswith((GENERATED, LEVELS)):
+    if name.startswith((GENERATED, LEVELS, WALLS)):
         seed = name.rpartition("_")[2]
         is_test = seed.isdecimal() and int(seed) >= FIRST_TEST_SEED
         return Building(name=name, bim=name, role="test" if is_test else "development")
@@ -82,6 +84,8 @@ def building_file(name: str, work: Path) -> tuple[Path, str]:
         return path, building.storey or DEMO_STOREY
     if building.bim.startswith(LEVELS):
         return _level_building(building.bim.removeprefix(LEVELS), work, as_planned=False), STOREY
+    if building.bim.startswith(WALLS):
+        return _wall_building(building.bim.removeprefix(WALLS), work), STOREY
     if not building.bim.startswith(GENERATED):
         return Path(building.bim), building.storey or ""
     from data.generation.plan_mesh import write_plan_mesh
@@ -114,6 +118,16 @@ def _level_building(name: str, work: Path, as_planned: bool) -> Path:
             write_level_demo(path, seed, levels)
         elif not path.exists():
             write_level_building(_generated(name), path, seed, levels)
+    return path
+
+
+def _wall_building(name: str, work: Path) -> Path:
+    from data.generation.wall_building import write_wall_building
+
+    path = work / f"walls_{name}.ifc"
+    with locked(path):
+        if not path.exists():
+            write_wall_building(_generated(name), path, int(name.rpartition("_")[2]))
     return path
 
 

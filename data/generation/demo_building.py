@@ -23,7 +23,6 @@ from data.generation.demo_plan import (
     UPPER,
     Furniture,
     PlanWall,
-    StoreyPlan,
 )
 from data.ifc.writer import IfcWriter, Prism, box, placed
 
@@ -55,7 +54,7 @@ def drawn_demo_building() -> IfcWriter:
     _stair(writer)
     for storey in (GROUND, UPPER):
         for number, (wall, area) in enumerate(zip(storey.walls, storey.wall_areas(), strict=True), 1):
-            _wall(writer, storey, f"Wall {number}", wall, area)
+            write_wall(writer, storey.name, f"Wall {number}", wall, area, CLEAR_HEIGHT)
         for number, (name, area) in enumerate(storey.room_areas().items(), 1):
             prism = Prism(_outline(area), 0.0, CLEAR_HEIGHT)
             writer.space(f"{storey.name[0]}{number:02d}", storey.name, prism, name)
@@ -90,15 +89,16 @@ def _stair(writer: IfcWriter) -> None:
     writer.element("IfcStair", "Stair", GROUND.name, body, kind="HALF_TURN_STAIR")
 
 
-def _wall(writer: IfcWriter, storey: StoreyPlan, name: str, wall: PlanWall, area: shapely.Polygon) -> None:
-    """The wall's frame: x along it from its start, y to its left."""
+def write_wall(writer: IfcWriter, storey: str, name: str, wall: PlanWall, area: shapely.Polygon, height: float) -> None:
+    """Writes a wall with this footprint and its doors and windows. Its frame: x along it from its start, y to its
+    left."""
     (x0, y0), (x1, y1) = wall.start, wall.end
     T_storey_wall = placed(x0, y0, yaw=atan2(y1 - y0, x1 - x0))
     along = np.array([x1 - x0, y1 - y0]) / hypot(x1 - x0, y1 - y0)
     relative = np.array(_outline(area)) - wall.start
     outline = np.column_stack([relative @ along, relative @ [-along[1], along[0]]]).round(4).tolist()
-    prism = Prism(tuple((u, v) for u, v in outline), 0.0, CLEAR_HEIGHT)
-    host = writer.element("IfcWall", name, storey.name, [prism], T_storey_wall, "SOLIDWALL")
+    prism = Prism(tuple((u, v) for u, v in outline), 0.0, height)
+    host = writer.element("IfcWall", name, storey, [prism], T_storey_wall, "SOLIDWALL")
     half = wall.thickness / 2
     for ifc_class, openings, (z0, z1), (y0, y1) in (
         ("IfcDoor", wall.doors, (0.0, DOOR_HEIGHT), (-LEAF / 2, LEAF / 2)),
@@ -109,10 +109,10 @@ def _wall(writer: IfcWriter, storey: StoreyPlan, name: str, wall: PlanWall, area
             body = [box(0.0, y0, z0, opening.width, y1, z1)]
             kind = ifc_class.removeprefix("Ifc")
             label = f"{kind} in {name}"
-            filling = writer.element(ifc_class, label, storey.name, body, T_storey_hole, kind.upper())
+            filling = writer.element(ifc_class, label, storey, body, T_storey_hole, kind.upper())
             filling.OverallWidth, filling.OverallHeight = opening.width, z1 - z0
             hole = box(0.0, -half, z0, opening.width, half, z1)
-            writer.cut(host, storey.name, hole, T_storey_hole, filling)
+            writer.cut(host, storey, hole, T_storey_hole, filling)
 
 
 def _furniture(piece: Furniture) -> list[Prism]:
