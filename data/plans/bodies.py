@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from data.geometry.intervals import without
 from data.scene_graph import LevelSurface, SceneGraph, WallSurface
 
 Array = NDArray[np.float64]
@@ -80,17 +81,33 @@ def _ifc_class(surface: WallSurface | LevelSurface) -> str:
     return surface.kind or ("IfcSlab" if surface.is_floor else "IfcCovering")
 
 
+def gaps_of(plan: SceneGraph) -> Array:
+    """(M, 3, 3) the triangles of the bodies that openings leave out of the walls of a plan that has surfaces alone."""
+    bottoms = {floor.id: floor.elevation or 0.0 for floor in plan.floors}
+    boxes = [np.empty((0, 3, 3))]
+    for surface in (surface for surface in plan.wall_surfaces if surface.parts):
+        half, low = (surface.length or 0.0) / 2, bottoms.get(surface.floor or "", 0.0)
+        wide = [(first, last) for _, first, last, full in surface.parts if full and last - first >= NARROWEST]
+        for first, last in without([(-half, half)], wide):
+            boxes.append(_box(surface, plan, (first, last), surface.height or (low, low + HEIGHT)))
+    return np.concatenate(boxes)
+
+
 def _boxes(surface: WallSurface, plan: SceneGraph, height: tuple[float, float]) -> Iterator[tuple[str, Array]]:
     """The parts of a surface that reach from floor to ceiling, (12, 3, 3) triangles each, with their sources."""
     half = (surface.length or 0.0) / 2
-    n, left = np.array(surface.normal), np.array([-surface.normal[1], surface.normal[0]])
     for source, first, last, full in surface.parts or ((surface.source, -half, half, True),):
-        if not full or last - first < (NARROWEST if surface.parts else 0.0):
-            continue
-        front = np.array(surface.centroid) + np.outer([first, last], left)
-        back = front - _depth(surface, front, plan) * n
-        corners = np.array([[*xy, z] for z in height for xy in (*front, *back)])
-        yield source, corners[_FACES]
+        if full and last > first and (not surface.parts or last - first >= NARROWEST):
+            yield source, _box(surface, plan, (first, last), height)
+
+
+def _box(surface: WallSurface, plan: SceneGraph, span: tuple[float, float], height: tuple[float, float]) -> Array:
+    """(12, 3, 3) triangles from a stretch of a surface, as in its parts, to the middle of the wall."""
+    n, left = np.array(surface.normal), np.array([-surface.normal[1], surface.normal[0]])
+    front = np.array(surface.centroid) + np.outer(span, left)
+    back = front - _depth(surface, front, plan) * n
+    corners = np.array([[*xy, z] for z in height for xy in (*front, *back)])
+    return np.asarray(corners[_FACES])
 
 
 # of a box with the corners front, front, back, back below, and the same above

@@ -17,7 +17,7 @@ from data.common.files import write_atomically, write_json
 from data.geometry.poses import poses_to_xyzquat, xyzquat_to_poses
 from data.ifc.bcf import Model
 from data.plans.bim import IFC_SUFFIXES
-from data.plans.bodies import PlannedElement, bodies_of
+from data.plans.bodies import PlannedElement, bodies_of, gaps_of
 from data.trajectory import Trajectory
 from data.trajectory.correction import moved_with
 from sgslam.anchoring import AnchorEntry
@@ -167,7 +167,7 @@ class Result:
 
             return planned_elements(self.plan_file), other_bodies(self.plan_file)
         assert self.a_graph is not None
-        return bodies_of(self.a_graph), np.empty((0, 3, 3))
+        return bodies_of(self.a_graph), gaps_of(self.a_graph)
 
     def to_open3d(self) -> list[Any]:
         """The map's points, the path of the sensor and the walls, in the frame of `trajectory`, as geometries for
