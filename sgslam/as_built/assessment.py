@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 
 from data.plans.bodies import PlannedElement
 from data.scene_graph import SceneGraph
-from sgslam.as_built.deviation_entries import Deviation, deviations_of
+from sgslam.as_built.deviation_entries import Deviation, MappedPiece, deviations_of, mapped_pieces
 from sgslam.as_built.elements import ElementVerdict, element_findings
 from sgslam.as_built.elements.entries import PlannedRooms, entry
 from sgslam.as_built.elements.rays import SeenRays, View
+from sgslam.as_built.elements.sightings import sightings
+from sgslam.as_built.elements.verdicts import offset_along
 from sgslam.as_built.unplanned.entries import UnplannedEntry, storeys_of, unplanned_things
 from sgslam.as_built.unplanned.unexplained import unexplained
 
@@ -51,7 +53,8 @@ def assess(
     """
     solids = [element for element in elements if element.kind == "solid"]
     rays = SeenRays(run.views, solids)
-    found = element_findings(elements, rays, tolerance, shared)
+    seen = sightings(rays)
+    found = element_findings(elements, rays, seen, tolerance, shared)
     rooms = PlannedRooms.of(run.plan)
     verdicts = tuple(entry(element, own, rooms) for element, own in zip(elements, found, strict=True))
     openings = [part for element in elements if element.kind == "opening" for part in _parts(element)]
@@ -60,8 +63,13 @@ def assess(
     unplanned = tuple(
         unplanned_things(cells, rays, run.s_graph, run.T_bim_map, storeys_of(run.matches, run.s_graph), run.plan)
     )
-    pairs = (run.matches or {}).get("wall_surfaces") or []
-    return Assessment(verdicts, unplanned, tuple(deviations_of(verdicts, unplanned, run.plan, pairs)))
+    pieces = mapped_pieces(run.s_graph, run.plan, run.T_bim_map, (run.matches or {}).get("wall_surfaces") or [])
+    numbers = {element.global_id: k for k, element in enumerate(solids)}
+
+    def offset(wall: str, piece: MappedPiece) -> float | None:
+        return offset_along(seen, numbers[wall], piece.normal, piece.span)
+
+    return Assessment(verdicts, unplanned, tuple(deviations_of(verdicts, unplanned, run.plan, pieces, offset)))
 
 
 def _parts(opening: PlannedElement) -> list[Floats]:

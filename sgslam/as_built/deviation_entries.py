@@ -1,22 +1,28 @@
 """The entries of deviations.json: the verdicts on elements and what is unplanned, by the surfaces of both graphs."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Literal, TypedDict
 
 import numpy as np
+from numpy.typing import NDArray
 
 from data.plans.bodies import wall_ids
 from data.scene_graph import SceneGraph, WallSurface, Xy
 from sgslam.as_built.elements import ElementVerdict
 from sgslam.as_built.unplanned.entries import UnplannedEntry
+from sgslam.geometry.frames import transform_points
+
+Floats = NDArray[np.float64]
+_ACROSS = 0.7  # cosine of the angle between a wall's direction of offsets and a surface, below which it is its end
 
 
 class Deviation(TypedDict):
     """A wall surface that differs from the plan, or that was checked against it.
 
     `s_id` is a surface of the S-graph, `a_id` one of the A-graph, `source` the id of the planned wall in its file. The
-    mapped surface of a planned one is `moved`, whether or not it is: `offset_m` is the distance of its wall from the
-    planned place, along the plan's inward normal, with standard deviation `sigma_m`, and `tilt_rad` the wall's turn
+    mapped surface of a planned one is `moved`, whether or not it is: `offset_m` is the distance of its wall, there, from
+    the planned place, along the plan's inward normal, with standard deviation `sigma_m`, and `tilt_rad` the wall's turn
     about the vertical, 0 where it was not measured. A planned surface is `absent` where the scans see through its
     wall's place. A mapped surface is `extra` where the plan has no wall: `trace` are the ends in plan view of the whole
     wall (BIM frame, metres). `significant`: the difference is larger than the tolerance. `reason` explains it.
@@ -34,24 +40,49 @@ class Deviation(TypedDict):
     reason: str
 
 
+@dataclass(frozen=True, eq=False)
+class MappedPiece:
+    """The mapped surface `s_id` at a planned one: `normal` (2,) of the planned one, BIM frame, and its ends along that,
+    leftward looking along the normal, metres from the frame's origin."""
+
+    s_id: str
+    normal: Floats
+    span: tuple[float, float]
+
+
+def mapped_pieces(
+    s_graph: SceneGraph, plan: SceneGraph, T_bim_map: Floats, pairs: Sequence[Sequence[str | float]]
+) -> dict[str, list[MappedPiece]]:
+    """The mapped surfaces of each planned one; `pairs` as `wall_surfaces` in matches.json, T_bim_map is (4, 4)."""
+    pieces: dict[str, list[MappedPiece]] = {}
+    for s_id, a_id, *_ in pairs:
+        ends = transform_points(T_bim_map, np.array([(*end, 0.0) for end in s_graph.surface_by_id[str(s_id)].ends()]))
+        normal = np.array(plan.surface_by_id[str(a_id)].normal)
+        along = ends[:, :2] @ [-normal[1], normal[0]]
+        piece = MappedPiece(str(s_id), normal, (float(along.min()), float(along.max())))
+        pieces.setdefault(str(a_id), []).append(piece)
+    return pieces
+
+
 def deviations_of(
     verdicts: Sequence[ElementVerdict], unplanned: Sequence[UnplannedEntry], plan: SceneGraph,
-    pairs: Sequence[Sequence[str | float]],
+    pieces: Mapping[str, Sequence[MappedPiece]], offset: Callable[[str, MappedPiece], float | None],
 ) -> list[Deviation]:  # fmt: skip
-    """The deviations of wall surfaces; `pairs` as `wall_surfaces` in matches.json."""
+    """The deviations of wall surfaces. `pieces` are by planned surface; `offset` is that of a wall (by its id) along a
+    piece, where the wall as a whole need not be straight, None where it is not known."""
     by_id = {verdict.global_id: verdict for verdict in verdicts}
-    mapped: dict[str, list[str]] = {}
-    for s_id, a_id, *_ in pairs:
-        mapped.setdefault(str(a_id), []).append(str(s_id))
     found = [
         deviation for surface in plan.wall_surfaces for wall in wall_ids(surface) if wall in by_id
-        for deviation in _of_surface(by_id[wall], surface, mapped.get(surface.id, []))
+        for deviation in _of_surface(by_id[wall], surface, pieces.get(surface.id, []), offset)
     ]  # fmt: skip
     return found + [_extra(own, s_id) for own in unplanned if own.kind == "wall-like" for s_id in own.surfaces]
 
 
-def _of_surface(verdict: ElementVerdict, surface: WallSurface, mapped: Sequence[str]) -> Iterator[Deviation]:
-    """The entries of one surface of a wall with this verdict, one for each mapped surface that was matched to it."""
+def _of_surface(
+    verdict: ElementVerdict, surface: WallSurface, pieces: Sequence[MappedPiece],
+    offset: Callable[[str, MappedPiece], float | None],
+) -> Iterator[Deviation]:  # fmt: skip
+    """The entries of one surface of a wall with this verdict, one for each mapped piece."""
     own: Deviation = {
         "s_id": None, "a_id": surface.id, "source": verdict.global_id, "kind": "absent", "trace": None,
         "offset_m": None, "tilt_rad": None, "sigma_m": None, "significant": True, "reason": verdict.reason,
@@ -60,13 +91,16 @@ def _of_surface(verdict: ElementVerdict, surface: WallSurface, mapped: Sequence[
         yield own
     elif verdict.offset_m is not None and verdict.direction is not None:
         cosine = float(np.dot(verdict.direction[:2], surface.normal))
-        if abs(cosine) > np.cos(np.radians(45.0)):
-            for s_id in mapped:
-                yield {
-                    **own, "s_id": s_id, "kind": "moved", "offset_m": verdict.offset_m * float(np.sign(cosine)),
-                    "tilt_rad": verdict.turn_rad or 0.0, "sigma_m": verdict.sigma_m,
-                    "significant": verdict.verdict == "moved",
-                }  # fmt: skip
+        if abs(cosine) < _ACROSS:
+            return
+        for piece in pieces:
+            whole = verdict.offset_m * float(np.sign(cosine))
+            here = offset(verdict.global_id, piece)
+            yield {
+                **own, "s_id": piece.s_id, "kind": "moved", "offset_m": whole if here is None else here,
+                "tilt_rad": verdict.turn_rad or 0.0, "sigma_m": verdict.sigma_m,
+                "significant": verdict.verdict == "moved",
+            }  # fmt: skip
 
 
 def _extra(own: UnplannedEntry, s_id: str) -> Deviation:

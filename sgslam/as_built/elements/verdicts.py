@@ -27,7 +27,7 @@ from sgslam.as_built.elements.likelihoods import (
 )
 from sgslam.as_built.elements.openings import opening_finding
 from sgslam.as_built.elements.rays import SeenRays, View
-from sgslam.as_built.elements.sightings import CELL, Sightings, sightings
+from sgslam.as_built.elements.sightings import CELL, Sightings
 from sgslam.as_built.elements.turns import turn_of
 
 Floats = NDArray[np.float64]
@@ -35,16 +35,16 @@ _LEAST_SHARE = 0.3  # of the sightings of a moved surface: if nearly all are bef
 
 
 def element_findings(
-    elements: Sequence[PlannedElement], rays: SeenRays, tolerance: float, shared: float
+    elements: Sequence[PlannedElement], rays: SeenRays, seen: Sightings, tolerance: float, shared: float
 ) -> list[Finding]:
-    """What was found of each element, in their order, by `rays` that were compared with those that are solid.
+    """What was found of each element, in their order, by `rays` that were compared with those that are solid, and what
+    they have `seen` of these.
 
     `tolerance` (m) is the largest offset that counts as planned, `shared` (m) the standard deviation of the error that
     all sightings of an element share. An element is moved or as planned by its likeliest offset, and `conclusive` where
     two sigma do not reach the tolerance; where one sigma is larger than the tolerance, the measurement does not tell.
     """
     views, solids = rays.views, [element for element in elements if element.kind == "solid"]
-    seen = sightings(rays)
     order = np.argsort(seen.element, kind="stable")
     ends = np.searchsorted(seen.element[order], np.arange(len(solids) + 1))
     found: dict[str, Finding] = {}
@@ -113,6 +113,20 @@ def _solid(
     if verdict == "moved" and share < _LEAST_SHARE:
         verdict, reason, sure = "uncertain", f"{reason}; most of what was seen is in front of it", False
     return Finding(verdict, reason, d, n, sigma, turn, sure, share, count)
+
+
+def offset_along(seen: Sightings, solid: int, normal: Floats, span: tuple[float, float]) -> float | None:
+    """Metres along the upright `normal` (2,), by which most of one stretch of a face is off its plan; None where too
+    little of it was seen. `span` are its ends along the face, leftward looking along the normal, from the origin."""
+    along = CELL * (seen.cell[:, :2] + 0.5) @ np.array([-normal[1], normal[0]])
+    own = (seen.element == solid) & (seen.normal[:, :2] @ normal > 0.9) & (along > span[0]) & (along < span[1])
+    _, cell, counts = np.unique(seen.cell[own], axis=0, return_inverse=True, return_counts=True)
+    if len(counts) < LEAST_CELLS:
+        return None
+    offset = seen.offset[own]
+    d = _mode(offset, 1 / counts[cell.ravel()])
+    near = np.abs(offset - d) < 3 * NOISE
+    return float(np.median(offset[near])) if near.any() else None
 
 
 def _main_axis(seen: Sightings, mine: NDArray[np.int64]) -> tuple[NDArray[np.int64], Floats]:
