@@ -1,7 +1,7 @@
 """What a run says of the elements of a building that is not as planned, beside how they were built."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -11,9 +11,10 @@ import shapely
 from pydantic import BaseModel, ConfigDict
 
 from data.ifc.products import open_ifc
-from data.scene_graph import Xy
+from data.scene_graph import SceneGraph, Xy
 from data.simulation import Change
 from data.simulation.changes.as_built import fillings
+from evaluation.buildings import plan_graph
 from evaluation.conditions import BUILDING
 from evaluation.drive import Drive, DriveCase
 from evaluation.metrics.true_walls import TrueWall, true_walls
@@ -52,7 +53,8 @@ def verdicts_of(case: DriveCase, drive: Drive, result: Result, ifc: Path) -> Rec
     """`judged`: walls, doors, windows and columns with their verdicts, but of those that stand as planned only the ones
     that were seen; `not_seen`: how many of the others, by how they were built. `unplanned`: walls that stand and are
     not planned, of which `to_find` are seen by three keyframes; `false` entries are on no such wall and on no planned
-    one, `on_planned` on planned ones alone. `ifc` is the building."""
+    one, `on_planned` on planned ones alone. `visited_m2` is the area of the route's rooms. `ifc` is the
+    building."""
     found = replace(result, plan_file=drive.plan).assessment
     # seen from where the keyframes with a cloud were in truth
     stamps = [k.stamp_ns for k in result.s_graph.keyframes if len(result.clouds[int(k.id[1:])])]
@@ -65,6 +67,7 @@ def verdicts_of(case: DriveCase, drive: Drive, result: Result, ifc: Path) -> Rec
     return {
         "judged": [entry.model_dump() for entry in seen],
         "not_seen": dict(Counter(entry.built for entry in judged if entry.verdict == "not seen")),
+        "visited_m2": _area(plan_graph(drive.plan), {room for room, _ in drive.rooms}),
         "unplanned": _unplanned([own.trace for own in found.unplanned if own.kind == "wall-like"], walls),
     }
 
@@ -107,6 +110,11 @@ class _Building:
         shifts = (of.get(entry.global_id) for of in (self.changes, self.stands_off))
         offset = np.sum([(0.0, 0.0), *(shift.offset_in_bim for shift in shifts if shift is not None)], axis=0)
         return float(np.linalg.norm(offset) if entry.direction is None else offset @ entry.direction[:2])
+
+
+def _area(plan: SceneGraph, rooms: Collection[str]) -> float:
+    """m2, of rooms of a plan (ids)."""
+    return float(sum(shapely.Polygon(r.polygon).area for r in plan.rooms if r.id in rooms and r.polygon))
 
 
 def _with_fillings(ifc: Path, changes: Iterable[Change]) -> dict[str, Change]:

@@ -145,8 +145,8 @@ def _unexplained(share: float) -> str:
 
 
 def matched(pairs: Pairs, walls: int) -> str:
-    """How many of the map's `walls` and rooms have a match."""
-    rooms = len(pairs.rooms)
+    """How many of the map's `walls` have a match, and how many of the plan's rooms."""
+    rooms = len({pair[1] for pair in pairs.rooms})
     return f"{len(pairs.surfaces)} of {walls} wall surfaces and {rooms} {'room' if rooms == 1 else 'rooms'} matched"
 
 

@@ -20,7 +20,7 @@ MARGIN = 0.03
 
 @dataclass(frozen=True)
 class HypothesisFigure:
-    """One hypothesis: its texts, the number of matched rooms, the SVG's viewBox and its layers from bottom to top."""
+    """One hypothesis: its texts, the number of the plan's rooms that are matched, the SVG's viewBox and its layers from bottom to top."""
 
     storey: str
     score: str
@@ -66,7 +66,7 @@ def _figure(
         "walls-unmatched": _path([w for w in ours if seen_in[w.id] not in taken_s], pen),
         "walls-matched": _path([w for w in ours if seen_in[w.id] in taken_s], pen),
     }
-    return HypothesisFigure(*hypothesis_texts(data, hypothesis), len(taken_s), box, layers)
+    return HypothesisFigure(*hypothesis_texts(data, hypothesis), len(taken_a), box, layers)
 
 
 def hypothesis_texts(data: ReportData, hypothesis: dict[str, Any]) -> tuple[str, str, str]:

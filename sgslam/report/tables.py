@@ -154,8 +154,8 @@ def room_rows(data: ReportData) -> list[tuple[str, str, str]]:
 
 
 def hypothesis_rows(data: ReportData) -> list[tuple[str, str, str, str]]:
-    """Storey, score, pose of the map's origin, number of matched rooms."""
-    return [(*hypothesis_texts(data, h), str(len(h.get("rooms") or ()))) for h in data.hypotheses]
+    """Storey, score, pose of the map's origin, number of the plan's rooms that are matched."""
+    return [(*hypothesis_texts(data, h), str(len({a for _, a in h.get("rooms") or ()}))) for h in data.hypotheses]
 
 
 def stages_and_total(metrics: dict[str, Any]) -> dict[str, float]:

@@ -103,7 +103,7 @@ def hypothesis_table(now: Snapshot, storeys: dict[str, str]) -> str:
     for number, (h, share) in enumerate(zip(hypotheses, shares / shares.sum(), strict=True)):
         dot = f'<span style="color:{ROOMS[number]}">■</span>' if number < GHOSTS else ""
         storey = _plain(storeys.get(str(h.get("floor")), "the plan"))
-        rooms = len(h.get("rooms") or ())
+        rooms = len({a for _, a in h.get("rooms") or ()})
         rows.append(f"| {dot} {number + 1} | {100 * share:.0f} % | {storey} | {float(h['score']):.1f} | {rooms} |")
     return "\n".join(rows)
 
