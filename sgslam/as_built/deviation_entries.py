@@ -21,8 +21,8 @@ class Deviation(TypedDict):
     """A wall surface that differs from the plan, or that was checked against it.
 
     `s_id` is a surface of the S-graph, `a_id` one of the A-graph, `source` the id of the planned wall in its file. The
-    mapped surface of a planned one is `moved`, whether or not it is: `offset_m` is the distance of its wall, there, from
-    the planned place, along the plan's inward normal, with standard deviation `sigma_m`, and `tilt_rad` the wall's turn
+    mapped surface of a planned one is `moved`, whether or not it is: `offset_m` is its wall's distance there from the
+    planned place, along the plan's inward normal, with standard deviation `sigma_m`, and `tilt_rad` the wall's turn
     about the vertical, 0 where it was not measured. A planned surface is `absent` where the scans see through its
     wall's place. A mapped surface is `extra` where the plan has no wall: `trace` are the ends in plan view of the whole
     wall (BIM frame, metres). `significant`: the difference is larger than the tolerance. `reason` explains it.

@@ -20,7 +20,8 @@ MARGIN = 0.03
 
 @dataclass(frozen=True)
 class HypothesisFigure:
-    """One hypothesis: its texts, the number of the plan's rooms that are matched, the SVG's viewBox and its layers from bottom to top."""
+    """One hypothesis: its texts, how many of the plan's rooms are matched, the SVG's viewBox and its layers from bottom
+    to top."""
 
     storey: str
     score: str
