@@ -10,6 +10,7 @@ from data.geometry.raycast import TriangleScene
 from data.plans.bodies import PlannedElement
 from sgslam.as_built.elements.entries import Finding
 from sgslam.as_built.elements.likelihoods import (
+    BEHIND,
     LEAST_CELLS,
     LEAST_VIEWS,
     NOISE,
@@ -25,7 +26,6 @@ Floats = NDArray[np.float64]
 _GRIDS = ((REACH, 0.05), (0.05, 0.01), (0.012, 0.003))  # m: half the side and step of grids of shifts, one in another
 _BLURRED = 0.04  # m, noise with which the coarse grid is searched, so that no shift falls between its places
 _LEAST_HITS = 10  # rays that end at the body, or pass its place
-_BESIDE = 0.15  # m around a shifted body, where a thing that is wider than the body is met too
 _EXPLAINED = 0.5  # of the rays towards a moved column's planned place: those that pass or meet the column itself
 _WIDER = 0.3  # of what is met there: what the body does not explain
 
@@ -100,7 +100,7 @@ def _may_be_before(near: Passing, outline: Floats, at: NDArray[np.bool_]) -> boo
     """Whether what was met is wider than the column, and was seen from one side alone. `outline` (2, 2) are the lowest
     and the highest x, y of the shifted body."""
     places = near.rays.at(near.rays.measured)[:, :2]
-    close = np.all((places > outline[0] - _BESIDE) & (places < outline[1] + _BESIDE), axis=1)
+    close = np.all((places > outline[0] - BEHIND) & (places < outline[1] + BEHIND), axis=1)
     clutter = np.sum(near.within & close & ~at)
     from_sensor = near.rays.direction[at]
     wider = clutter > _WIDER * (clutter + at.sum())

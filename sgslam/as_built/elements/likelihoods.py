@@ -22,6 +22,7 @@ GLASS, PANE = 0.3, 1.5  # share of glass in walls whose windows are not known, a
 DEPTH = 5.0  # m over which what is met elsewhere than at a surface is spread
 UNDECIDED = 0.16  # probability of the unlikelier of two verdicts, one standard deviation from the limit
 SURE = float(np.log(100.0))  # log-likelihood of the evidence by which one hypothesis must lead
+EDGE = 0.05  # m, how exactly the edge of a body is seen: rays within it of an edge tell nothing
 # m, standard deviation of the sensor's place while a scan is taken: a tenth of a second at walking pace
 SWEEP = 0.025
 

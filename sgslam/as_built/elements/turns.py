@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-_UPRIGHT = 0.1  # of a unit normal, its largest component along z
+UPRIGHT = 0.1  # of a unit normal, its largest component along z
 _LEAST_SPAN = 1.0  # m along a surface, below which a turn says nothing of it
 
 
@@ -36,7 +36,7 @@ def turn_of(
     `places` (N, 3) metres on the planned surface, `offset` (N,) metres along its `normal` (3,), each with standard
     deviation `noise` (m) at `weight` (N,) one.
     """
-    if abs(normal[2]) > _UPRIGHT or not len(places) or not np.isfinite(poses.heading):
+    if abs(normal[2]) > UPRIGHT or not len(places) or not np.isfinite(poses.heading):
         return None
     along = places[:, :2] @ np.array([-normal[1], normal[0]])
     span = float(np.ptp(along))

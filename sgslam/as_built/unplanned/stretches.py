@@ -15,7 +15,6 @@ _ACROSS = 0.12  # m from a surface to the middle of a cell that shows it
 _GAP = 0.35  # m along a surface without a return, which does not end a stretch
 _SHORTEST = 0.5  # m
 _LEVELS = 2  # cells above each other that show an upright thing
-_EDGE = 0.1  # m from the ends of a stretch that do not count
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +93,7 @@ def is_seen_through(stretch: Stretch, rays: SeenRays) -> bool:
     crossed = near.at(ranges)
     along = (crossed[:, :2] - stretch.last) @ tangent
     low, high = stretch.height
-    within = (along > _EDGE) & (along < stretch.length - _EDGE) & (crossed[:, 2] > low) & (crossed[:, 2] < high)
+    within = (along > GRID) & (along < stretch.length - GRID) & (crossed[:, 2] > low) & (crossed[:, 2] < high)
     within &= ranges > 0
     depth = ((near.measured - ranges) * np.abs(cosine))[within]
     at, through = np.abs(depth) < BEHIND, depth > 2 * BEHIND

@@ -8,14 +8,12 @@ from numpy.typing import NDArray
 from data.geometry.raycast import TriangleScene
 from data.plans.bodies import PlannedElement
 from sgslam.as_built.elements import Finding
-from sgslam.as_built.elements.likelihoods import LEAST_VIEWS, REACH
+from sgslam.as_built.elements.likelihoods import BEHIND, LEAST_VIEWS, REACH
 from sgslam.as_built.elements.rays import FURTHEST_RAY, SeenRays
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-GRID = 0.1  # m, side of a cell: as far apart as the points of a keyframe
-OFF = 0.1  # m across a planned surface, from which on a return is not of it: five times the scatter of a range
-_NEAR = 0.15  # m from a cell's middle to the surface of what stands there
+GRID = 0.1  # m, side of a cell: as far apart as the points of a keyframe, and five times the scatter of a range
 _MOST = 2**20  # cells along an axis
 # towards which something that stands there is looked for
 _AROUND = np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if (x, y, z) != (0, 0, 0)])
@@ -43,7 +41,7 @@ def unexplained(
     near = np.zeros(len(middles), dtype=bool)
     for direction in directions:
         left = np.flatnonzero(~near)
-        near[left] = scene.distances(middles[left], np.tile(direction, (len(left), 1))) < _NEAR
+        near[left] = scene.distances(middles[left], np.tile(direction, (len(left), 1))) < BEHIND
     return middles[~near]
 
 
@@ -53,7 +51,7 @@ def _off_plan(rays: SeenRays, number: int, origin: Floats) -> Ints:
     cosine = np.ones(len(face))
     met = face >= 0
     cosine[met] = np.abs(np.sum(rays.normal[face[met]] * direction[met], axis=1))
-    off = np.where(met, np.abs(planned - measured) * cosine, np.inf) > OFF
+    off = np.where(met, np.abs(planned - measured) * cosine, np.inf) > GRID
     kept = off & (measured < FURTHEST_RAY)
     cell = np.floor((rays.views[number].sensor - origin + measured[kept, None] * direction[kept]) / GRID).astype(
         np.int64

@@ -5,12 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from sgslam.as_built.unplanned.stretches import Stretch
+from sgslam.as_built.unplanned.unexplained import GRID
 
 _PARALLEL = 0.1  # rad between the faces of one wall
-_IN_LINE = 0.1  # m across, between pieces of one face
 _THICK = 0.45  # m between both faces of a wall
 _GAP = 1.2  # m along, between pieces of one face; a door is narrower
-_OVERLAP = 0.1  # m along, that both faces share at least
 
 
 def one_wall_each(stretches: Sequence[Stretch]) -> list[list[Stretch]]:
@@ -40,5 +39,5 @@ def _same_wall(a: Stretch, b: Stretch) -> bool:
     gap = max(one[0], other[0]) - min(one[1], other[1])
     across = float(((b.first + b.last) - (a.first + a.last)) @ n) / 2
     if facing > 0:
-        return bool(abs(across) < _IN_LINE and gap < _GAP)
-    return bool(-_THICK < across < _IN_LINE and gap < -_OVERLAP)
+        return bool(abs(across) < GRID and gap < _GAP)
+    return bool(-_THICK < across < GRID and gap < -GRID)

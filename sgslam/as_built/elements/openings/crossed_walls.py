@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.as_built.elements.likelihoods import NOISE, REACH, crossing_blur
+from sgslam.as_built.elements.likelihoods import EDGE, NOISE, REACH, crossing_blur
 from sgslam.as_built.elements.openings.jambs import Crossings
 from sgslam.as_built.elements.openings.reveals import Reveal
 from sgslam.as_built.elements.rays import FURTHEST_RAY, Rays, View
@@ -13,10 +13,6 @@ from sgslam.as_built.elements.sightings import CELL, LEAST_COSINE
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-_BESIDE = 0.4  # m beside a jamb, where the wall's face tells its place
-_MARGIN = 0.05  # m from lintel and sill, and from the jambs where rays count as within the opening or beside it
-_SAME = 0.05  # m, how well a wall's own verdict and what is met beside an opening agree
-_BIN = 0.05  # m along the wall within which the rays of one keyframe count once
 _MOST = 4  # rays of a bin; more of them cross at the same place
 
 
@@ -41,11 +37,11 @@ class CrossedWall:
     @property
     def within(self) -> Flags:
         """Which cross the face in the planned opening."""
-        return (self.near > _MARGIN) & (self.near < self.width - _MARGIN)
+        return (self.near > EDGE) & (self.near < self.width - EDGE)
 
     def beside(self, along: float) -> Flags:
         """Which cross the face well beside the opening, displaced by so many metres."""
-        return (self.near < along - _MARGIN) | (self.near > self.width + along + _MARGIN)
+        return (self.near < along - EDGE) | (self.near > self.width + along + EDGE)
 
     def crossings(self, jamb: int) -> Crossings:
         """The rays in the half of the planned opening, and beside it, that tell of its `start` (0) or its end (1)."""
@@ -68,13 +64,13 @@ def _side(
 ) -> CrossedWall | None:  # fmt: skip
     towards = _Towards.of(reveal, face, rays)
     depth, u, up = towards.crossed(reveal, 0.0)
-    beside = towards.on_face(host) & _level(reveal, up) & ~_close(reveal, u, 0.0) & _close(reveal, u, 2 * _BESIDE)
+    beside = towards.on_face(host) & _level(reveal, up) & ~_close(reveal, u, 0.0) & _close(reveal, u, 2 * REACH)
     inward = 1.0 if face == 0 else -1.0
     offset = _offset(depth[beside], None if shift is None else shift * inward)
     depth, u, up = towards.crossed(reveal, offset)
     slope = towards.rays.direction / towards.cosine[:, None] * reveal.depth
     in_opening = (u > 0) & (u < reveal.width) & _level(reveal, up + slope[:, 2])
-    kept = _level(reveal, up) & _close(reveal, u, _BESIDE) & (in_opening | towards.on_face(host)) & (depth > -3 * NOISE)
+    kept = _level(reveal, up) & _close(reveal, u, REACH) & (in_opening | towards.on_face(host)) & (depth > -3 * NOISE)
     chosen = np.flatnonzero(kept)
     chosen, weight = _thinned(chosen, towards.rays.view[chosen], u[chosen])
     rays, u, depth = towards.rays[chosen], u[chosen], depth[chosen]
@@ -116,7 +112,7 @@ class _Towards:
 
 
 def _level(reveal: Reveal, z: Floats) -> Flags:
-    return (z > reveal.bottom + _MARGIN) & (z < reveal.top - _MARGIN)
+    return (z > reveal.bottom + EDGE) & (z < reveal.top - EDGE)
 
 
 def _close(reveal: Reveal, u: Floats, beside: float) -> Flags:
@@ -125,7 +121,7 @@ def _close(reveal: Reveal, u: Floats, beside: float) -> Flags:
 
 def _thinned(chosen: NDArray[np.int64], view: NDArray[np.int64], u: Floats) -> tuple[NDArray[np.int64], Floats]:
     """At most _MOST rays of each keyframe and bin along the wall, and their weights, which sum up to one in it."""
-    _, group = np.unique(np.column_stack([view, np.floor(u / _BIN)]), axis=0, return_inverse=True)
+    _, group = np.unique(np.column_stack([view, np.floor(u / EDGE)]), axis=0, return_inverse=True)
     group = group.ravel()
     order = np.argsort(group, kind="stable")
     begins = np.searchsorted(group[order], np.arange(group.max(initial=-1) + 1))
@@ -138,7 +134,7 @@ def _thinned(chosen: NDArray[np.int64], view: NDArray[np.int64], u: Floats) -> t
 
 def _offset(depth: Floats, expected: float | None) -> float:
     """Metres by which the face lies behind its plan: where most is met beside the opening, near what is expected."""
-    near, far = (-REACH, REACH) if expected is None else (expected - _SAME, expected + _SAME)
+    near, far = (-REACH, REACH) if expected is None else (expected - EDGE, expected + EDGE)
     depth = depth[(depth > near - NOISE) & (depth < far + NOISE)]
     if not len(depth):
         return 0.0 if expected is None else expected

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from data.plans.bodies import PlannedElement
 from sgslam.as_built.elements.entries import Finding
 from sgslam.as_built.elements.likelihoods import (
+    EDGE,
     LEAST_CELLS,
     LEAST_VIEWS,
     NOISE,
@@ -29,7 +30,6 @@ from sgslam.as_built.elements.sightings import CELL
 
 Floats = NDArray[np.float64]
 _SET_BACK = 0.03  # m behind the wall's face, from which on a leaf or pane is distinct from a wall that goes on
-_UNSURE = 0.05  # m, standard deviation of a displacement, from which on no jamb was seen
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def opening_finding(
     if _wall_is_absent(sides, fit.along):
         return Finding("uncertain", "rays pass beside it too: its edges are not seen", seen=share, views=count)
     state = "rays pass" if _open(sides) else "it is closed by a leaf or a pane"
-    if fit.sigma > _UNSURE:
+    if fit.sigma > EDGE:
         return Finding("as planned", f"{state}; its edges are not seen", seen=share, views=count)
     poses = pose_noise([views[int(k)] for k in seen_by], reveal.along)
     sigma = float(np.linalg.norm([fit.sigma, shared, poses.position]))

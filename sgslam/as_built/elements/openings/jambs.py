@@ -16,9 +16,8 @@ STEP = 0.005  # m, between the places of a jamb that are tried
 NARROWER = 0.1  # m, widest frame that narrows an opening at a jamb
 FURTHEST = REACH + NARROWER  # m, of a jamb from its planned place
 PLACES = np.arange(-round(FURTHEST / STEP), round(FURTHEST / STEP) + 1) * STEP
-_AT_JAMB = 0.7  # of the rays that meet a reveal: its jamb, not a frame or leaf before it
+_AT_PLAN = 0.7  # of what is met of a jamb, leaf or pane: itself, not a frame or a handle before it
 _FLUSH = 0.05  # of the rays into an opening that meet something at the wall's face
-_IN_SHEET = 0.7  # of what is met in the opening: the leaf or pane, not its frame
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,7 @@ class Inside:
         anywhere = ((depth > 0) & (depth <= self.thickness)) / self.thickness
         if self.sheet is None:
             return np.asarray(anywhere)
-        return _IN_SHEET * bell(depth - self.sheet) + (1 - _IN_SHEET) * anywhere
+        return _AT_PLAN * bell(depth - self.sheet) + (1 - _AT_PLAN) * anywhere
 
 
 def jamb_profile(rays: Crossings, inside: Inside) -> Floats:
@@ -64,8 +63,8 @@ def jamb_profile(rays: Crossings, inside: Inside) -> Floats:
     run = rays.near - rays.far
     outward = np.maximum(run, 1e-6)[:, None]
     at_jamb = inside.thickness * np.clip(near / outward, 0.0, 1.0)  # the depth at which a ray meets the jamb
-    jamb = _AT_JAMB * bell(rays.depth[:, None] - at_jamb)
-    jamb += ((1 - _AT_JAMB - SPREAD) * inside.in_reveal(rays.depth) + SPREAD / DEPTH)[:, None]
+    jamb = _AT_PLAN * bell(rays.depth[:, None] - at_jamb)
+    jamb += ((1 - _AT_PLAN - SPREAD) * inside.in_reveal(rays.depth) + SPREAD / DEPTH)[:, None]
     clear = inside.density(rays.depth)[:, None]
     density = (1 - enters) * wall_density(rays.depth)[:, None] + (enters - leaves) * jamb + leaves * clear
     return np.asarray(rays.weight @ np.log(density + SPREAD * THROUGH / DEPTH))

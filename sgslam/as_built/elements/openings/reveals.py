@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.plans.bodies import PlannedElement
+from sgslam.as_built.elements.likelihoods import EDGE
+from sgslam.as_built.elements.turns import UPRIGHT
 
 Floats = NDArray[np.float64]
 _AROUND = 0.5  # m around an opening, where its wall's faces count
-_UPRIGHT = 0.1  # of a unit normal, its largest component along z
 _LEAST_DEPTH = 0.03  # m, of a wall
-_IN_FACE = 0.05  # m that a wall's face may lie beyond the body that is cut out of it
 _PARALLEL = 0.98  # cosine of the angle between faces that count as parallel
 
 
@@ -56,7 +56,7 @@ def reveal_of(opening: PlannedElement, wall: PlannedElement) -> Reveal | None:
     along = np.array([-across[1], across[0], 0.0])
     places = faces[np.abs(normals @ across) > _PARALLEL].mean(axis=1) @ across
     cut = body @ across
-    places = places[(places > cut.min() - _IN_FACE) & (places < cut.max() + _IN_FACE)]
+    places = places[(places > cut.min() - EDGE) & (places < cut.max() + EDGE)]
     if not len(places) or np.ptp(places) < _LEAST_DEPTH:
         return None
     ends = float(places.min()), float(places.max())
@@ -71,7 +71,7 @@ def _upright(triangles: Floats) -> tuple[Floats, Floats, Floats]:
     """Upright triangles (M, 3, 3), their level unit normals (M, 3), and their areas (M,)."""
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2
     areas = np.linalg.norm(normals, axis=1)
-    upright = (areas > 0) & (np.abs(normals[:, 2]) < _UPRIGHT * areas)
+    upright = (areas > 0) & (np.abs(normals[:, 2]) < UPRIGHT * areas)
     normals = normals[upright] * [1.0, 1.0, 0.0]
     return triangles[upright], normals / np.linalg.norm(normals, axis=1, keepdims=True), areas[upright]
 
