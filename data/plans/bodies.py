@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from data.geometry.intervals import without
+from data.geometry.intervals import Intervals, united, without
 from data.scene_graph import LevelSurface, SceneGraph, WallSurface
 
 Array = NDArray[np.float64]
@@ -55,14 +55,12 @@ def bodies_of(plan: SceneGraph) -> tuple[PlannedElement, ...]:
     not name walls, each side is an element.
     """
     names = {floor.id: floor.name or floor.id for floor in plan.floors}
-    bottoms = {floor.id: floor.elevation or 0.0 for floor in plan.floors}
     rooms = {room.id: room.name or room.id for room in plan.rooms}
     bodies: dict[str, list[Array]] = {}
     of: dict[str, WallSurface | LevelSurface] = {}
     for surface in plan.wall_surfaces:
-        low = bottoms.get(surface.floor or "", 0.0)
-        for source, body in _boxes(surface, plan, surface.height or (low, low + HEIGHT)):
-            bodies.setdefault(source or surface.id, []).append(body)
+        for source, first, last in _stretches(surface, plan):
+            bodies.setdefault(source or surface.id, []).append(_box(surface, plan, (first, last)))
             of.setdefault(source or surface.id, surface)
     for level in plan.level_surfaces:
         bodies.setdefault(level.source or level.id, []).append(_sheet(level))
@@ -83,26 +81,33 @@ def _ifc_class(surface: WallSurface | LevelSurface) -> str:
 
 def gaps_of(plan: SceneGraph) -> Array:
     """(M, 3, 3) the triangles of the bodies that openings leave out of the walls of a plan that has surfaces alone."""
-    bottoms = {floor.id: floor.elevation or 0.0 for floor in plan.floors}
-    boxes = [np.empty((0, 3, 3))]
-    for surface in (surface for surface in plan.wall_surfaces if surface.parts):
-        half, low = (surface.length or 0.0) / 2, bottoms.get(surface.floor or "", 0.0)
-        wide = [(first, last) for _, first, last, full in surface.parts if full and last - first >= NARROWEST]
-        for first, last in without([(-half, half)], wide):
-            boxes.append(_box(surface, plan, (first, last), surface.height or (low, low + HEIGHT)))
-    return np.concatenate(boxes)
+    gaps = [np.empty((0, 3, 3))]
+    for surface in plan.wall_surfaces:
+        half = (surface.length or 0.0) / 2
+        solid = [(first, last) for _, first, last in _stretches(surface, plan)]
+        gaps += [_box(surface, plan, gap) for gap in without([(-half, half)], solid)]
+    return np.concatenate(gaps)
 
 
-def _boxes(surface: WallSurface, plan: SceneGraph, height: tuple[float, float]) -> Iterator[tuple[str, Array]]:
-    """The parts of a surface that reach from floor to ceiling, (12, 3, 3) triangles each, with their sources."""
+def _stretches(surface: WallSurface, plan: SceneGraph) -> Iterator[tuple[str, float, float]]:
+    """Where along a surface, as in its parts, a wall reaches from floor to ceiling, with its source; without doors."""
     half = (surface.length or 0.0) / 2
+    cut: Intervals = []
+    for door in plan.doors if not surface.parts else ():
+        away = np.subtract(door.centroid, surface.centroid)
+        along = float(away @ [-surface.normal[1], surface.normal[0]])
+        if door.width is not None and abs(away @ surface.normal) < THICKEST / 2 and abs(along) < half:
+            cut.append((along - door.width / 2, along + door.width / 2))
     for source, first, last, full in surface.parts or ((surface.source, -half, half, True),):
-        if full and last > first and (not surface.parts or last - first >= NARROWEST):
-            yield source, _box(surface, plan, (first, last), height)
+        for low, high in without([(first, last)], united(cut)):
+            if full and (high - low >= NARROWEST or not (cut or surface.parts)):
+                yield source, low, high
 
 
-def _box(surface: WallSurface, plan: SceneGraph, span: tuple[float, float], height: tuple[float, float]) -> Array:
+def _box(surface: WallSurface, plan: SceneGraph, span: tuple[float, float]) -> Array:
     """(12, 3, 3) triangles from a stretch of a surface, as in its parts, to the middle of the wall."""
+    low = next((floor.elevation for floor in plan.floors if floor.id == surface.floor), None) or 0.0
+    height = surface.height or (low, low + HEIGHT)
     n, left = np.array(surface.normal), np.array([-surface.normal[1], surface.normal[0]])
     front = np.array(surface.centroid) + np.outer(span, left)
     back = front - _depth(surface, front, plan) * n

@@ -16,7 +16,7 @@ from data.ifc.products import IfcProduct
 from data.ifc.rooms import Level, RoomVolume, finished
 from data.ifc.sections import Solid
 from data.ifc.surfaces import open_area, surfaces_at
-from data.plans.polygons import Drawing, DrawnRoom, scene_graph_of, with_pillars
+from data.plans.polygons import Drawing, DrawnRoom, scene_graph_of, width_of, with_pillars
 from data.scene_graph import Door, Floor, LevelSurface, Room, SceneGraph, WallSurface
 
 Array = NDArray[np.float64]
@@ -152,8 +152,7 @@ def _between_walls(storey: FlatStorey, floor: Floor) -> SceneGraph:
 
 def _named(surface: WallSurface, id: str, storey: FlatStorey) -> WallSurface:
     known = storey.height is not None
-    parts = tuple(("", low, high, full) for _, low, high, full in surface.parts)
-    return replace(surface, id=id, source="", height=surface.height if known else None, parts=parts)
+    return replace(surface, id=id, source="", height=surface.height if known else None)
 
 
 def doors_of(key: str, openings: Iterable[Area], rooms: Sequence[RoomVolume]) -> Iterable[Door]:
@@ -161,4 +160,5 @@ def doors_of(key: str, openings: Iterable[Area], rooms: Sequence[RoomVolume]) ->
     for number, opening in enumerate(openings, 1):
         beside = [r.room.id for r in rooms if r.area.distance(opening) < REACH]
         if 1 <= len(beside) <= 2:
-            yield Door(f"{key}/door-{number}", tuple(beside), (float(opening.centroid.x), float(opening.centroid.y)))
+            middle = float(opening.centroid.x), float(opening.centroid.y)
+            yield Door(f"{key}/door-{number}", tuple(beside), middle, width_of(opening))

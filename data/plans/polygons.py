@@ -77,7 +77,6 @@ def scene_graph_of(drawing: Drawing, merge_collinear: bool = True) -> SceneGraph
     surfaces: list[WallSurface] = []
     for k, room in enumerate(rooms):
         surfaces += surfaces_of(room, edges[k], gaps.get(k, {}), MIN_EDGE if merge_collinear else 0.0)
-    surfaces = [_without_doors(surface, drawing.doors) for surface in surfaces]
     doors = [_door(*door, rooms) for door in drawing.doors] + _open_doors(rooms, edges, gaps)
     known = tuple(d for d in doors if d.rooms)
     return SceneGraph("bim", tuple(room_of(r) for r in rooms), tuple(surfaces), known, tuple(drawing.floors))
@@ -210,27 +209,6 @@ def surfaces_of(
     return surfaces
 
 
-def _without_doors(surface: WallSurface, doors: Sequence[tuple[str, Area, str | None]]) -> WallSurface:
-    """The surface with the parts of it that are beside doors; with an empty part where all of it is one door."""
-    first, last = np.array(surface.ends())[::-1]
-    band = shapely.LineString([first, last]).buffer(REACH, cap_style="flat")
-    half = (surface.length or 0.0) / 2
-    along = (last - first) / (2 * half) if half else np.zeros(2)
-    cut: Intervals = []
-    for _, area, floor in doors:
-        if floor != surface.floor or not band.intersects(area):
-            continue
-        spans = shapely.get_coordinates(overlap(band, area)) @ along - np.array(surface.centroid) @ along
-        corners = shapely.get_coordinates(shapely.oriented_envelope(area))
-        width = float(np.hypot(*np.diff(corners, axis=0).T).max(initial=0.0))
-        if len(spans) and np.ptp(spans) > width / 2:  # else it is a door in a wall across
-            cut.append((float(spans.min()), float(spans.max())))
-    if not cut:
-        return surface
-    left = without([(-half, half)], united(cut)) or [(0.0, 0.0)]
-    return replace(surface, parts=tuple(("", low, high, True) for low, high in left))
-
-
 def _door(id: str, area: Area, floor: str | None, rooms: Sequence[DrawnRoom]) -> Door:
     """The rooms on both sides of a door, across its thinner side, else across the wider (a door as deep as wide)."""
     corners = np.asarray(shapely.oriented_envelope(area).exterior.coords)[:3]
@@ -248,7 +226,13 @@ def _door(id: str, area: Area, floor: str | None, rooms: Sequence[DrawnRoom]) ->
         best = found if len(found) > len(best) else best
         if len(best) == 2:
             break
-    return Door(id, best, (float(centre.x), float(centre.y)))
+    return Door(id, best, (float(centre.x), float(centre.y)), width_of(area))
+
+
+def width_of(opening: Area) -> float:
+    """The longer side (m) of an opening, which is drawn from one side of its wall to the other."""
+    corners = shapely.get_coordinates(shapely.oriented_envelope(opening))
+    return float(np.hypot(*np.diff(corners, axis=0).T).max(initial=0.0))
 
 
 def _open_doors(rooms: Sequence[DrawnRoom], edges: list[Points], gaps: Gaps) -> list[Door]:

@@ -118,13 +118,14 @@ class LevelSurface:
 
 @dataclass(frozen=True)
 class Door:
-    """A door or passage. `rooms` holds the ids of the rooms it joins (one for an outer door), `centroid` is (x, y) in
-    metres.
+    """A door or passage. `rooms` holds the ids of the rooms it joins (one for an outer door), `centroid` is (x, y) and
+    `width` its width, both in metres; None where it is unknown.
     """
 
     id: str
     rooms: tuple[str, ...]
     centroid: Xy
+    width: Number | None = None
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from data.plans.bodies import wall_ids
 from data.scene_graph import SceneGraph, WallSurface, Xy
-from sgslam.as_built.elements import ElementVerdict
+from sgslam.as_built.elements import SURE_SIGMAS, ElementVerdict
 from sgslam.as_built.unplanned.entries import UnplannedEntry
 from sgslam.geometry.frames import transform_points
 
@@ -25,7 +25,8 @@ class Deviation(TypedDict):
     planned place, along the plan's inward normal, with standard deviation `sigma_m`, and `tilt_rad` the wall's turn
     about the vertical, 0 where it was not measured. A planned surface is `absent` where the scans see through its
     wall's place. A mapped surface is `extra` where the plan has no wall: `trace` are the ends in plan view of the whole
-    wall (BIM frame, metres). `significant`: the difference is larger than the tolerance. `reason` explains it.
+    wall (BIM frame, metres). `significant`: the wall is off by more than the tolerance and the measurement error.
+    `reason` explains it.
     """
 
     s_id: str | None
@@ -94,12 +95,13 @@ def _of_surface(
         if abs(cosine) < _ACROSS:
             return
         for piece in pieces:
+            sigma = verdict.sigma_m or 0.0
             whole = verdict.offset_m * float(np.sign(cosine))
             here = offset(verdict.global_id, piece)
             yield {
                 **own, "s_id": piece.s_id, "kind": "moved", "offset_m": whole if here is None else here,
-                "tilt_rad": verdict.turn_rad or 0.0, "sigma_m": verdict.sigma_m,
-                "significant": verdict.verdict == "moved",
+                "tilt_rad": verdict.turn_rad or 0.0, "sigma_m": sigma,
+                "significant": verdict.verdict == "moved" and abs(verdict.offset_m) > SURE_SIGMAS * sigma,
             }  # fmt: skip
 
 
