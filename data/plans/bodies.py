@@ -27,7 +27,7 @@ class PlannedElement:
     Those of an opening, which a door or a window fills, are the body that is cut out of the wall; `wall` is that wall's
     GlobalId, and `filling` (K, 3, 3) the body of the door or window itself, None where it has none. `grid` names the
     grid lines at which it stands, such as B/3; empty in a model without any. `glazed`: it is of glass, or may have
-    windows that are not drawn.
+    openings that are not drawn.
     """
 
     global_id: str
@@ -68,7 +68,7 @@ def bodies_of(plan: SceneGraph) -> tuple[PlannedElement, ...]:
     return tuple(
         PlannedElement(
             key, _ifc_class(surface), rooms.get(surface.room or "", key), names.get(surface.floor or "", ""), "solid",
-            np.concatenate(bodies[key]), glazed=isinstance(surface, WallSurface),
+            np.concatenate(bodies[key]), glazed=True,
         ) for key, surface in of.items()
     )  # fmt: skip
 

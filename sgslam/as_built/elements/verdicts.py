@@ -31,6 +31,8 @@ from sgslam.as_built.elements.sightings import CELL, Sightings
 from sgslam.as_built.elements.turns import turn_of
 
 Floats = NDArray[np.float64]
+_PARALLEL = 0.99  # cosine between a face and the main axis of its body
+_SAME_AXIS = 0.1  # of unit vectors, by which their components are told apart
 _LEAST_SHARE = 0.3  # of the sightings of a moved surface: if nearly all are before it, so may be what is taken for it
 
 
@@ -55,7 +57,7 @@ def element_findings(
             )
         else:
             mine = order[ends[k] : ends[k + 1]]
-            found[element.global_id] = _solid(seen, mine, views, tolerance, shared, element.glazed)
+            found[element.global_id] = _solid(element, seen, mine, views, tolerance, shared)
     index = {element.global_id: k for k, element in enumerate(solids)}
     for opening in (element for element in elements if element.kind == "opening"):
         host = index.get(opening.wall)
@@ -68,17 +70,23 @@ def element_findings(
 
 
 def _solid(
-    seen: Sightings, mine: NDArray[np.int64], views: Sequence[View], tolerance: float, shared: float, glazed: bool
+    element: PlannedElement,
+    seen: Sightings,
+    mine: NDArray[np.int64],
+    views: Sequence[View],
+    tolerance: float,
+    shared: float,
 ) -> Finding:
     """The likelihoods of the sightings of a body, if it stands at its best offset, and if it is absent.
 
     Rays pass through the panes of what is `glazed`, all that meet one of them together.
     """
+    glazed, direction = element.glazed, _main_axis(element.triangles)
+    mine = mine[np.abs(seen.normal[mine] @ direction) > _PARALLEL]
     count = len(np.unique(seen.view[mine]))
     cells = len(np.unique(seen.cell[mine], axis=0))
     if count < LEAST_VIEWS or cells < LEAST_CELLS:
         return Finding("not seen", too_little(cells, count), views=count)
-    mine, direction = _main_axis(seen, mine)
     sign = np.sign(seen.normal[mine] @ direction)
     offset = seen.offset[mine]
     _, cell, counts = np.unique(seen.cell[mine], axis=0, return_inverse=True, return_counts=True)
@@ -95,7 +103,7 @@ def _solid(
         return Finding("absent", "seen through its place", conclusive=True, seen=share, views=count)
     if stands - absent < SURE or np.sum(weight * at) < enough:
         if glazed and np.sum(weight * through) >= np.sum(weight * at):
-            return Finding("uncertain", "seen through: absent, or of glass", seen=share, views=count)
+            return Finding("uncertain", "seen through: it is absent, elsewhere, or of glass", seen=share, views=count)
         return Finding("not seen" if not through.any() else "uncertain", "mostly hidden", seen=share, views=count)
     scatter = NOISE / np.sqrt(max(np.sum(weight * at), 1.0))
     poses = pose_noise([views[k] for k in np.unique(seen.view[mine[at]])], direction)
@@ -119,7 +127,7 @@ def offset_along(seen: Sightings, solid: int, normal: Floats, span: tuple[float,
     """Metres along the upright `normal` (2,), by which most of one stretch of a face is off its plan; None where too
     little of it was seen. `span` are its ends along the face, leftward looking along the normal, from the origin."""
     along = CELL * (seen.cell[:, :2] + 0.5) @ np.array([-normal[1], normal[0]])
-    own = (seen.element == solid) & (seen.normal[:, :2] @ normal > 0.9) & (along > span[0]) & (along < span[1])
+    own = (seen.element == solid) & (seen.normal[:, :2] @ normal > _PARALLEL) & (along > span[0]) & (along < span[1])
     _, cell, counts = np.unique(seen.cell[own], axis=0, return_inverse=True, return_counts=True)
     if len(counts) < LEAST_CELLS:
         return None
@@ -129,16 +137,15 @@ def offset_along(seen: Sightings, solid: int, normal: Floats, span: tuple[float,
     return float(np.median(offset[near])) if near.any() else None
 
 
-def _main_axis(seen: Sightings, mine: NDArray[np.int64]) -> tuple[NDArray[np.int64], Floats]:
-    """The sightings of the faces along the axis with most of them, and that axis."""
-    normal = seen.normal[mine]
-    axis = normal * np.where(np.abs(normal[:, :1]) > 0.1, np.sign(normal[:, :1]), 1.0)
-    axis *= np.where(np.abs(normal[:, :1]) > 0.1, 1.0, np.where(normal[:, 1:2] < -0.1, -1.0, 1.0))
-    level = np.abs(normal[:, 2]) > 0.7
-    axis[level] = [0.0, 0.0, 1.0]
-    _, first, group = np.unique(np.rint(20 * axis), axis=0, return_index=True, return_inverse=True)
-    best = int(np.argmax(np.bincount(group.ravel())))
-    return mine[group.ravel() == best], axis[first[best]]
+def _main_axis(triangles: Floats) -> Floats:
+    """(3,) the unit normal of most of a body's surface: of a wall's two sides, not of its ends and jambs."""
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2
+    area = np.linalg.norm(normal, axis=1)
+    axis = normal[area > 0] / area[area > 0, None]
+    leading = np.abs(axis[:, 0]) > _SAME_AXIS, np.abs(axis[:, 1]) > _SAME_AXIS
+    axis *= np.sign(np.select(leading, (axis[:, 0], axis[:, 1]), axis[:, 2]))[:, None]
+    _, first, group = np.unique(np.rint(axis / _SAME_AXIS), axis=0, return_index=True, return_inverse=True)
+    return np.asarray(axis[first[np.argmax(np.bincount(group.ravel(), area[area > 0]))]])
 
 
 def _mode(shift: Floats, weight: Floats) -> float:

@@ -11,6 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from data.geometry.intervals import Intervals, common, united
 from data.scene_graph import SceneGraph, WallSurface, Xy
 from sgslam.as_built.elements.rays import SeenRays
 from sgslam.as_built.unplanned.stretches import Stretch, is_seen_through, stretches_of
@@ -20,10 +21,11 @@ from sgslam.as_built.unplanned.wall_faces import is_two_sided, one_wall_each
 Floats = NDArray[np.float64]
 Likeness = Literal["wall-like", "furniture-like"]
 _HIGH = 2.0  # m above the floor; cupboards end below
-_SCREEN = 1.3  # m above the floor; what is lower is no wall, however thin
+_SCREEN = 1.3  # m above the floor; what is lower is no wall, however thin, and what begins above it hangs
 _SHORTEST_WALL = 0.75  # m
+_LONG = 1.5  # m, of a wall whose upper part was not in view
 _THIN = 0.25  # m, from face to face of a wall; low things that are thicker are furniture
-_LONGEST_LEAF, _HINGE = 1.3, 0.75  # m: of a door, and from the middle of its opening
+_LONGEST_LEAF, _HINGE = 1.3, 1.0  # m: of a door, and from the middle of its opening
 _CUPBOARD = 0.8  # m, deepest thing that stands before a wall
 _LARGE = 0.3  # m, least extent of a thing that is listed
 _LEAST_CELLS = 8  # of a thing that is listed
@@ -73,22 +75,25 @@ def unplanned_things(
         planned = plan.on_floor(storeys.get(floor)).wall_surfaces
         doors = np.array([door.centroid for door in plan.doors]).reshape(-1, 2)
         for wall in one_wall_each(own):
-            if _is_wall(wall, bottom, planned, doors):
+            if _is_wall(wall, rays, bottom, planned, doors):
                 found.append(_wall(wall, storeys.get(floor), plan))
                 for stretch in wall:
                     rest &= ~stretch.holds(cells, 2 * GRID)
     return [*found, *_things(cells[rest], plan)]
 
 
-def _is_wall(wall: Sequence[Stretch], bottom: float, planned: Sequence[WallSurface], doors: Floats) -> bool:
+def _is_wall(
+    wall: Sequence[Stretch], rays: SeenRays, bottom: float, planned: Sequence[WallSurface], doors: Floats
+) -> bool:
     """Whether the stretches of one thing are long and tall enough, and not the front of a cupboard or a door's leaf."""
-    top = max(stretch.height[1] for stretch in wall) - bottom
+    low, top = min(own.height[0] for own in wall) - bottom, max(own.height[1] for own in wall) - bottom
     along, across = _extent(wall)
-    if along < _SHORTEST_WALL or _is_leaf(wall, along, doors):
+    if along < _SHORTEST_WALL or low > _SCREEN or _is_leaf(wall, along, doors):
         return False
     if is_two_sided(wall) and across < _THIN:
         return top > _SCREEN
-    return top > _HIGH and not any(_stands_before(stretch, planned) for stretch in wall)
+    tall = top > _HIGH or (along > _LONG and not any(is_seen_through(own, rays, _HIGH - top) for own in wall))
+    return top > _SCREEN and tall and not any(_stands_before(stretch, planned) for stretch in wall)
 
 
 def _is_leaf(wall: Sequence[Stretch], along: float, doors: Floats) -> bool:
@@ -99,15 +104,16 @@ def _is_leaf(wall: Sequence[Stretch], along: float, doors: Floats) -> bool:
 
 
 def _stands_before(stretch: Stretch, planned: Sequence[WallSurface]) -> bool:
-    """Whether a planned wall stands so close behind it that it may be a cupboard's front."""
-    middle = (stretch.first + stretch.last) / 2
-    tangent = np.array([-stretch.normal[1], stretch.normal[0]])
+    """Whether along most of it a planned wall stands so close behind that it may be a cupboard's front."""
+    middle, tangent = (stretch.first + stretch.last) / 2, np.array([-stretch.normal[1], stretch.normal[0]])
+    covered: Intervals = []
     for wall in planned:
-        away = np.array(wall.centroid) - middle
-        beside = abs(float(away @ tangent)) < 0.5 * (wall.length or 0.0) + 0.25 * stretch.length
-        if beside and wall.normal @ stretch.normal > 0.95 and -_CUPBOARD < float(away @ stretch.normal) < 0:
-            return True
-    return False
+        away, half = np.array(wall.centroid) - middle, 0.5 * (wall.length or 0.0)
+        if wall.normal @ stretch.normal > 0.95 and -_CUPBOARD < float(away @ stretch.normal) < 0:
+            along = float(away @ tangent)
+            covered.append((along - half, along + half))
+    own = common([(-stretch.length / 2, stretch.length / 2)], united(covered))
+    return sum(last - first for first, last in own) > stretch.length / 2
 
 
 def _extent(wall: Sequence[Stretch]) -> tuple[float, float]:

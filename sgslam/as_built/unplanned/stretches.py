@@ -11,9 +11,8 @@ from sgslam.as_built.elements.rays import SeenRays
 from sgslam.as_built.unplanned.unexplained import GRID
 
 Floats = NDArray[np.float64]
-_ACROSS = 0.12  # m from a surface to the middle of a cell that shows it
 _GAP = 0.35  # m along a surface without a return, which does not end a stretch
-_SHORTEST = 0.5  # m
+_SHORTEST = 0.3  # m
 _LEVELS = 2  # cells above each other that show an upright thing
 
 
@@ -61,7 +60,7 @@ def stretches_of(surface: WallSurface, T_bim_map: Floats, floor_z: float, cells:
     along = away @ tangent
     length = float(np.linalg.norm(first - last))
     low, high = surface.height or (0.0, np.inf)
-    own = (np.abs(away @ n) < _ACROSS) & (along > 0) & (along < length)
+    own = (np.abs(away @ n) < BEHIND) & (along > 0) & (along < length)
     own &= (cells[:, 2] > bottom + low - GRID) & (cells[:, 2] < bottom + high + GRID)
     along, z = along[own], cells[own, 2]
     place, level = np.floor(along / GRID).astype(np.int64), np.floor(z / GRID).astype(np.int64)
@@ -82,9 +81,9 @@ def stretches_of(surface: WallSurface, T_bim_map: Floats, floor_z: float, cells:
     return found
 
 
-def is_seen_through(stretch: Stretch, rays: SeenRays) -> bool:
-    """Whether more rays pass it than end at it, by cells of its surface."""
-    near = rays.crossing(stretch.box(), 0.0)
+def is_seen_through(stretch: Stretch, rays: SeenRays, above: float = 0.0) -> bool:
+    """Whether more rays pass its place than end there; or that of something up to `above` (m) on top of it."""
+    near = rays.crossing(stretch.box(), above)
     tangent = np.array([-stretch.normal[1], stretch.normal[0]])
     cosine = near.direction[:, :2] @ stretch.normal
     towards = np.abs(cosine) > 0.1
@@ -92,7 +91,7 @@ def is_seen_through(stretch: Stretch, rays: SeenRays) -> bool:
     ranges = (stretch.last - near.origin[:, :2]) @ stretch.normal / cosine
     crossed = near.at(ranges)
     along = (crossed[:, :2] - stretch.last) @ tangent
-    low, high = stretch.height
+    low, high = stretch.height if above == 0.0 else (stretch.height[1], stretch.height[1] + above)
     within = (along > GRID) & (along < stretch.length - GRID) & (crossed[:, 2] > low) & (crossed[:, 2] < high)
     within &= ranges > 0
     depth = ((near.measured - ranges) * np.abs(cosine))[within]
