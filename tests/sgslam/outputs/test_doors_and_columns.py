@@ -5,8 +5,7 @@ import pytest
 import two_rooms_seen as rooms
 from two_rooms_seen import BOTH, FAR, JAMBS, NEAR, NEAR_ROOM, WALL, Floats, Places, box, column, leaf, wall_with_door
 
-from data.scene_graph import SceneGraph
-from sgslam.as_built.elements import ElementVerdict, element_verdicts
+from sgslam.as_built.elements import ElementVerdict
 
 LEFT = ((-1.5, 1.2), (-2.0, 1.5), (-1.0, 0.8), (-2.0, 1.8), (-1.2, 1.5))  # of the column
 UNDECIDED = {"as planned", "uncertain", "not seen"}
@@ -29,8 +28,7 @@ def judged(
     """The verdict on one of the elements; of the others, some are `known`."""
     elements = [own for own in rooms.planned(set_back) if own.global_id in (name, *known)]
     views = rooms.views_of(rooms.SHELL, *built, places=places)
-    found = element_verdicts(elements, views, SceneGraph("bim"), tolerance, 0.004)
-    return next(own for own in found if own.global_id == name)
+    return next(own for own in rooms.assessed(elements, views, tolerance).elements if own.global_id == name)
 
 
 @pytest.mark.parametrize(
