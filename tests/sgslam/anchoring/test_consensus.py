@@ -9,7 +9,7 @@ from boxes import Array
 from data import WallSurface
 from sgslam.anchoring.se2_consensus import Pairs, determined, find_consensus
 from sgslam.anchoring.wall_alignment import _pairs
-from sgslam.anchoring.wall_association import WallArrays
+from sgslam.anchoring.wall_association import WallArrays, associate_walls
 
 TURNED = 0.07
 
@@ -134,3 +134,16 @@ def test_walls_that_agree_on_nothing_give_no_place() -> None:
     off = np.random.default_rng(0).uniform(-0.5, 0.5, len(pairs.seen))[:, None] * pairs.seen_normal
     found = find_consensus(replace(pairs, seen=pairs.seen + off, unit=np.arange(len(off))), true, TURNED)
     assert found is None or found.share < 0.5
+
+
+def test_a_long_wall_is_not_the_stub_that_it_has_come_near_to() -> None:
+    def arrays(*surfaces: WallSurface) -> WallArrays:
+        return WallArrays.of(list(surfaces), {}, np.zeros(2))
+
+    def side(y: float, length: float, x: float = 0.0) -> WallSurface:
+        return WallSurface(f"{y}", None, (x, y), (0.0, 1.0), length)
+
+    stub, long = side(0.0, 0.3), side(-0.25, 3.0, x=0.5)
+    seen, in_place = (arrays(side(y, 2.5)) for y in (0.04, 0.01))
+    for walls, planned, expected in ((seen, (stub, long), 1), (seen, (stub,), -1), (in_place, (stub,), 0)):
+        assert associate_walls(walls, arrays(*planned), 0.4, 0.07).tolist() == [expected]
