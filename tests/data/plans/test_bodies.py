@@ -1,0 +1,83 @@
+"""Bodies for plans that are drawn flat: walls between their sides, with doors left out, floors and ceilings."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from data.plans.bodies import bodies_of, gaps_of, wall_ids
+from data.scene_graph import Floor, LevelSurface, Room, SceneGraph, WallSurface
+
+STOREY = Floor("F", "Ground", 5.0)
+FRONT = WallSurface("front", "r", (4.0, 1.5), (-1.0, 0.0), 3.0, "F")
+BACK = WallSurface("back", None, (4.2, 1.5), (1.0, 0.0), 3.0, "F")
+
+
+def plan(*surfaces: WallSurface, levels: tuple[LevelSurface, ...] = ()) -> SceneGraph:
+    return SceneGraph("bim", (Room("r", (2.0, 1.5), "F", "Office"),), surfaces, (), (STOREY,), level_surfaces=levels)
+
+
+def extents(*surfaces: WallSurface) -> dict[str, list[tuple[float, float]]]:
+    """The lowest and highest x, y, z of each wall's body."""
+    corners = {own.global_id: own.triangles.reshape(-1, 3) for own in bodies_of(plan(*surfaces))}
+    return {name: [*zip(own.min(axis=0), own.max(axis=0), strict=True)] for name, own in corners.items()}
+
+
+def test_a_body_reaches_from_each_side_to_the_middle_of_the_wall_and_from_floor_to_ceiling() -> None:
+    found = extents(FRONT, replace(BACK, height=(5.1, 8.0)))
+    np.testing.assert_allclose(found["front"], [(4.0, 4.1), (0.0, 3.0), (5.0, 7.5)])
+    np.testing.assert_allclose(found["back"], [(4.1, 4.2), (0.0, 3.0), (5.1, 8.0)])
+
+
+@pytest.mark.parametrize(
+    ("other", "depth"),
+    [
+        ({"centroid": (4.69, 1.5)}, 0.345),
+        ({"centroid": (4.71, 1.5)}, 0.05),  # thicker than a wall: the next room's
+        ({"normal": (-1.0, 0.0)}, 0.05),  # of another wall in front of it
+        ({"centroid": (4.2, 4.4)}, 0.1),
+        ({"centroid": (4.2, 4.6)}, 0.05),  # beyond its end
+        ({"floor": "above"}, 0.05),
+    ],
+)
+def test_the_other_side_is_the_next_that_faces_away_behind_it(other: dict[str, object], depth: float) -> None:
+    (x, *_) = extents(FRONT, replace(BACK, **other))["front"]  # type: ignore[arg-type]
+    assert x == pytest.approx((4.0, 4.0 + depth))
+
+
+@pytest.mark.parametrize(("frame", "low"), [(0.29, 0.4), (0.31, 0.0)])
+def test_openings_and_narrow_frames_beside_them_are_left_out_and_are_gaps(frame: float, low: float) -> None:
+    """Along y, from 0 to 3; leftward of this side is -y. What is not full-height is below a window."""
+    parts = (("", -1.5, -0.5, False), ("", -0.5, 1.1, True), ("", 1.5 - frame, 1.5, True))
+    surface = replace(FRONT, parts=parts)
+    assert extents(surface)["front"][1] == pytest.approx((low, 2.0))
+    gaps = gaps_of(plan(surface)).reshape(-1, 3)
+    assert (gaps[:, 1].min(), gaps[:, 1].max()) == pytest.approx((frame if low == 0.0 else 0.0, 3.0))
+    assert gaps[:, 2].max() == pytest.approx(7.5) and not len(gaps_of(plan(FRONT)))
+    assert not bodies_of(plan(replace(FRONT, parts=(("", 0.0, 0.0, True),))))  # all of it is a door
+
+
+def test_sides_of_one_named_wall_are_one_element_and_others_have_their_own() -> None:
+    named = [replace(side, source="w") for side in (FRONT, BACK)]
+    (wall,) = bodies_of(plan(*named))
+    assert (wall.global_id, wall.ifc_class, wall.name, wall.storey) == ("w", "IfcWall", "Office", "Ground")
+    assert wall.glazed  # it may have windows
+    assert np.ptp(wall.triangles[..., 0]) == pytest.approx(0.2)
+    assert [own.global_id for own in bodies_of(plan(FRONT, BACK))] == ["front", "back"]
+    split = replace(FRONT, source="w", parts=(("right", -1.5, 0.2, True), ("left", 1.1, 1.5, True)))
+    assert [own.global_id for own in bodies_of(plan(split))] == [*wall_ids(split)] == ["right", "left"]
+
+
+def test_floors_and_ceilings_are_sheets_with_their_holes() -> None:
+    square, hole = ((0.0, 0.0), (4.0, 0.0), (4.0, 3.0), (0.0, 3.0)), ((1.0, 1.0), (2.0, 1.0), (2.0, 2.0), (1.0, 2.0))
+    floor = LevelSurface("floor", (0.0, 0.0, 1.0, -5.0), square, (hole,), "r", "F")
+    x, y, z, d = (np.array([0.0, 0.1, -1.0, 7.5]) / np.hypot(0.1, 1.0)).tolist()
+    ceiling = LevelSurface("ceiling", (x, y, z, d), square, (), "r", "F", "c")
+    found = bodies_of(plan(levels=(floor, ceiling, replace(ceiling, id="b", source="b", kind="IfcBeam"))))
+    assert [own.ifc_class for own in found] == ["IfcSlab", "IfcCovering", "IfcBeam"]
+    assert not any(own.glazed for own in found)
+    for own, area, height in zip(found, (11.0, 12.0), ((5.0, 5.0), (7.5, 7.8)), strict=False):
+        a, b, c = own.triangles[..., :2].transpose(1, 2, 0)
+        u, v = b - a, c - a
+        assert np.abs(u[0] * v[1] - u[1] * v[0]).sum() / 2 == pytest.approx(area)
+        assert (own.triangles[..., 2].min(), own.triangles[..., 2].max()) == pytest.approx(height)
