@@ -94,6 +94,7 @@ def test_a_wall_that_no_ray_passes_is_not_absent(nearest: float, furthest: float
         (0.5, 0.0, False, "absent"),
         (0.5, 0.0, True, "uncertain"),  # it may be one pane
         (3.0, 0.0, True, "absent"),  # more panes than a wall has
+        (1.5, 0.25, True, "uncertain"),  # the end of what stands is no moved wall
         (3.0, 0.25, False, "absent"),
         (3.0, 0.25, True, "as planned"),  # what stands is between windows
     ],

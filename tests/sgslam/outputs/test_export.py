@@ -3,6 +3,7 @@
 import json
 import shutil
 import zipfile
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -16,27 +17,30 @@ import pytest
 from report_samples import verdict
 from small_ifc import STOREY, write_small_ifc
 
-from data import Floor, SceneGraph, WallSurface
+from data import SceneGraph, WallSurface
 from data.common.errors import UserError
 from data.ifc.bcf import Version
 from data.ifc.deviations import ElementFinding, write_as_built
 from data.plans import load_bim
+from sgslam.as_built.elements import ElementVerdict, Verdict
 from sgslam.as_built.elements.files import write_elements
 from sgslam.as_built.findings import BCF
+from sgslam.as_built.unplanned.entries import UnplannedEntry
 from sgslam.cli.export import IFC, export
 from sgslam.config import Config
 from sgslam.config.loading import save_config
 
 SHARED_2X3 = Path(__file__).resolve().parents[4] / "shared/data/ifc/AC90R1-niedriha-V2-2x3.ifc"
 YAW = 0.4
+ENDS = ((3000.0, -1998.0), (3003.0, -1998.0))
 Run = tuple[Path, Path, list[WallSurface]]
 
 
-def entry(kind: str, surface: WallSurface | None, offset: float | None = None, **more: Any) -> dict[str, Any]:
-    source, a_id = ("", None) if surface is None else (surface.source, surface.id)
-    known = {"tilt_rad": 0.01, "sigma_m": 0.005} if offset is not None else {"tilt_rad": None, "sigma_m": None}
-    told = {"s_id": None, "a_id": a_id, "source": source, "kind": kind, "offset_m": offset, "significant": True}
-    return told | known | {"reason": "because"} | more
+def on(surface: WallSurface, found: Verdict, offset: float | None = None) -> ElementVerdict:
+    """The verdict on the wall of a surface."""
+    outline = (*surface.ends(), *surface.ends()[::-1])
+    direction = None if offset is None else (*surface.normal, 0.0)
+    return verdict(surface.source, found, offset, turn_rad=0.01, outline=outline, direction=direction)
 
 
 @pytest.fixture(scope="module", params=[False, True], ids=["metres", "millimetres"])
@@ -47,15 +51,16 @@ def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
     building = write_small_ifc(out / "small.ifc", site=(3000.0, -2000.0, 40.0), yaw=YAW, millimetres=request.param)
     graph = load_bim(building.path, out).graph
     moved, absent, stands = list({w.source: w for w in reversed(graph.wall_surfaces)}.values())[:3]
-    extra = WallSurface("w9", None, (1.0, 2.0), (0.0, 1.0), 3.0, "floor-0", height=(0.1, 2.2))
     graph.save(out / "a_graph.json")
-    SceneGraph("map", (), (extra,), (), (Floor("floor-0", "", -0.8),)).save(out / "s_graph.json")
-    deviations = [entry("moved", moved, 0.15), entry("moved", moved, 0.01, significant=False), entry("absent", absent)]
-    deviations += [entry("moved", stands, -0.004, significant=False), entry("extra", None, s_id="w9", source="w")]
-    (out / "deviations.json").write_text(json.dumps(deviations))
+    SceneGraph("map").save(out / "s_graph.json")
+    verdicts = [on(moved, "moved", 0.15), on(absent, "absent"), on(stands, "as planned", -0.004)]
+    extra = UnplannedEntry("w9", "wall-like", "Hall", STOREY, ENDS, 3.0, (40.2, 42.3), (0.0, 1.0), ("w9",), "because")
+    thing = replace(extra, id="w8", kind="furniture-like")
+    write_elements(out, [asdict(own) for own in verdicts], 0.03, [asdict(own) for own in (extra, thing)])
     pose = [3000.0, -2000.0, 41.0, 0.0, 0.0, np.sin(YAW / 2), np.cos(YAW / 2)]
-    (out / "metrics.json").write_text(json.dumps({"T_bim_map": pose}))
-    (out / "matches.json").write_text(json.dumps({"floor": moved.floor}))
+    files: dict[str, object] = {"metrics": {"T_bim_map": pose}, "matches": {"floor": moved.floor}, "deviations": []}
+    for name, content in files.items():
+        (out / f"{name}.json").write_text(json.dumps(content))
     (out / "config.yaml").write_text(save_config(Config()))
     said = "\n".join(export(out, ["ifc", "bcf"], building.path))
     assert "3 elements" in said and "3 topics" in said
@@ -91,7 +96,7 @@ def test_where_there_are_verdicts_every_element_has_its_own(run: Run, tmp_path: 
     model = ifcopenshell.open(str(bim))
     door, wall = (model.by_type(kind)[0].GlobalId for kind in ("IfcDoor", "IfcWall"))
     verdicts = [verdict(door, "absent"), verdict(wall, "moved", 0.05, direction=(0.0, 0.6, 0.8))]
-    write_elements(tmp_path, verdicts, 0.03)
+    write_elements(tmp_path, [asdict(own) for own in verdicts], 0.03)
     export(tmp_path, ["ifc"], bim)
     absent, moved = as_built(tmp_path / IFC, door, wall)
     assert absent["Status"] == "absent" and "LevelOfAccuracy" not in absent
@@ -107,9 +112,7 @@ def test_a_wall_that_the_plan_lacks_stands_in_the_copy(run: Run) -> None:
     assert ifcopenshell.util.element.get_container(proxy).Name == STOREY
     metre = ifcopenshell.util.unit.calculate_unit_scale(copy)
     T = ifcopenshell.util.placement.get_local_placement(proxy.ObjectPlacement)
-    # from the map: the left end at (-0.5, 2), 0.1 m over the floor, which lies 0.8 m under the first pose
-    x, y = np.array([[np.cos(YAW), -np.sin(YAW)], [np.sin(YAW), np.cos(YAW)]]) @ [-0.5, 2.0]
-    np.testing.assert_allclose(T[:3, 3] * metre, [3000.0 + x, -2000.0 + y, 41.0 - 0.8 + 0.1], atol=1e-6)
+    np.testing.assert_allclose(T[:3, 3] * metre, [*ENDS[0], 40.2], atol=1e-6)
     solid = proxy.Representation.Representations[0].Items[0]
     assert solid.Depth * metre == pytest.approx(2.1)
 
@@ -143,7 +146,7 @@ def test_topics_name_the_walls_and_look_at_them(run: Run, version: Version) -> N
 def test_a_model_of_another_building_is_refused(run: Run, tmp_path: Path) -> None:
     shutil.copytree(run[0], tmp_path, dirs_exist_ok=True)
     (tmp_path / IFC).unlink()
-    (tmp_path / "deviations.json").write_text(json.dumps([entry("moved", run[2][0], 0.1, source="0" * 22)]))
+    write_elements(tmp_path, [asdict(verdict("0" * 22, "moved", 0.1))], 0.03)
     with pytest.raises(UserError, match="none of the elements"):
         export(tmp_path, ["ifc"], run[1])
     assert not (tmp_path / IFC).exists()
