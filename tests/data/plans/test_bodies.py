@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from data.plans.bodies import bodies_of, gaps_of, wall_ids
-from data.scene_graph import Floor, LevelSurface, Room, SceneGraph, WallSurface
+from data.scene_graph import Door, Floor, LevelSurface, Room, SceneGraph, WallSurface
 
 STOREY = Floor("F", "Ground", 5.0)
 FRONT = WallSurface("front", "r", (4.0, 1.5), (-1.0, 0.0), 3.0, "F")
@@ -43,6 +43,30 @@ def test_a_body_reaches_from_each_side_to_the_middle_of_the_wall_and_from_floor_
 def test_the_other_side_is_the_next_that_faces_away_behind_it(other: dict[str, object], depth: float) -> None:
     (x, *_) = extents(FRONT, replace(BACK, **other))["front"]  # type: ignore[arg-type]
     assert x == pytest.approx((4.0, 4.0 + depth))
+
+
+@pytest.mark.parametrize(
+    ("centroid", "room", "spans"),
+    [
+        ((4.1, 1.5), "r", [(0.0, 1.0), (2.0, 3.0)]),
+        ((4.1, 0.7), "r", [(1.2, 3.0)]),  # what is left beside it is its frame
+        ((4.1, 0.9), "r", [(0.0, 0.4), (1.4, 3.0)]),
+        ((4.1, 1.5), "above", [(0.0, 3.0)]),  # on another storey
+        ((4.1, 3.1), "r", [(0.0, 3.0)]),  # in a wall across
+        ((3.4, 1.5), "r", [(0.0, 3.0)]),  # in another wall
+    ],
+)
+def test_a_door_is_left_out_of_both_sides_of_its_wall(
+    centroid: tuple[float, float], room: str, spans: list[tuple[float, float]]
+) -> None:
+    rooms = (Room("r", (2.0, 1.5), "F"), Room("above", (2.0, 1.5), "up"))
+    drawn = SceneGraph("bim", rooms, (FRONT, BACK), (Door("d", (room,), centroid, 1.0),), (STOREY,))
+    for side, low, high in zip(bodies_of(drawn), (4.0, 4.1), (4.1, 4.2), strict=True):
+        boxes = side.triangles.reshape(-1, 36, 3)
+        found = sorted((own[:, 1].min(), own[:, 1].max()) for own in boxes)
+        np.testing.assert_allclose(found, spans)
+        assert (boxes[..., 0].min(), boxes[..., 0].max()) == pytest.approx((low, high))
+    assert len(gaps_of(drawn)) == (0 if spans == [(0.0, 3.0)] else 24)  # one in each side
 
 
 @pytest.mark.parametrize(("frame", "low"), [(0.29, 0.4), (0.31, 0.0)])
