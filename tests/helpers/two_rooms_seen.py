@@ -1,6 +1,5 @@
 """Two rooms with a door in the wall between them and a column, and what a LiDAR that is carried there sees."""
 
-from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,7 +25,6 @@ NEAR_ROOM: Places = tuple((x, y) for x in (-1.5, 0.0, 1.5) for y in (-2.0, -0.7,
 FAR_ROOM: Places = tuple((x, y) for x in (4.4, 5.5, 6.6) for y in (-1.7, 0.0, 1.7))
 BOTH = NEAR_ROOM + FAR_ROOM
 NOTHING = np.empty((0, 3, 3))
-MAP, PLAN = SceneGraph("map"), SceneGraph("bim")
 
 
 def box(low: Corner, high: Corner) -> Floats:
@@ -99,13 +97,9 @@ def planned(set_back: float | None = None) -> list[PlannedElement]:
 
 
 def assessed(
-    elements: Sequence[PlannedElement],
-    views: Sequence[View],
-    tolerance: float = 0.01,
-    others: Floats = NOTHING,
-    s_graph: SceneGraph = MAP,
-    plan: SceneGraph = PLAN,
-    matches: Mapping[str, Any] | None = None,
+    elements: list[PlannedElement], views: list[View], tolerance: float = 0.01, others: Floats = NOTHING, **of: Any
 ) -> Assessment:
-    """What such views say of the elements; the map's frame is the BIM frame."""
-    return assess(AnchoredMap(s_graph, plan, np.eye(4), matches, views), elements, others, tolerance, shared=0.004)
+    """What such views say of the elements; the map's frame is the BIM frame. `of` are fields of the map in its plan."""
+    graphs = {"s_graph": SceneGraph("map"), "plan": SceneGraph("bim"), "matches": None} | of
+    run = AnchoredMap(T_bim_map=np.eye(4), views=views, **graphs)
+    return assess(run, elements, others, tolerance, shared=0.004)

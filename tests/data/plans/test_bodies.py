@@ -11,6 +11,7 @@ from data.scene_graph import Door, Floor, LevelSurface, Room, SceneGraph, WallSu
 STOREY = Floor("F", "Ground", 5.0)
 FRONT = WallSurface("front", "r", (4.0, 1.5), (-1.0, 0.0), 3.0, "F")
 BACK = WallSurface("back", None, (4.2, 1.5), (1.0, 0.0), 3.0, "F")
+HIGHER = replace(BACK, height=(5.1, 8.0))
 
 
 def plan(*surfaces: WallSurface, levels: tuple[LevelSurface, ...] = ()) -> SceneGraph:
@@ -21,12 +22,6 @@ def extents(*surfaces: WallSurface) -> dict[str, list[tuple[float, float]]]:
     """The lowest and highest x, y, z of each wall's body."""
     corners = {own.global_id: own.triangles.reshape(-1, 3) for own in bodies_of(plan(*surfaces))}
     return {name: [*zip(own.min(axis=0), own.max(axis=0), strict=True)] for name, own in corners.items()}
-
-
-def test_a_body_reaches_from_each_side_to_the_middle_of_the_wall_and_from_floor_to_ceiling() -> None:
-    found = extents(FRONT, replace(BACK, height=(5.1, 8.0)))
-    np.testing.assert_allclose(found["front"], [(4.0, 4.1), (0.0, 3.0), (5.0, 7.5)])
-    np.testing.assert_allclose(found["back"], [(4.1, 4.2), (0.0, 3.0), (5.1, 8.0)])
 
 
 @pytest.mark.parametrize(
@@ -56,16 +51,16 @@ def test_the_other_side_is_the_next_that_faces_away_behind_it(other: dict[str, o
         ((3.4, 1.5), "r", [(0.0, 3.0)]),  # in another wall
     ],
 )
-def test_a_door_is_left_out_of_both_sides_of_its_wall(
+def test_bodies_reach_from_both_sides_to_the_middle_of_the_wall_and_leave_its_doors_out(
     centroid: tuple[float, float], room: str, spans: list[tuple[float, float]]
 ) -> None:
     rooms = (Room("r", (2.0, 1.5), "F"), Room("above", (2.0, 1.5), "up"))
-    drawn = SceneGraph("bim", rooms, (FRONT, BACK), (Door("d", (room,), centroid, 1.0),), (STOREY,))
-    for side, low, high in zip(bodies_of(drawn), (4.0, 4.1), (4.1, 4.2), strict=True):
+    drawn = SceneGraph("bim", rooms, (FRONT, HIGHER), (Door("d", (room,), centroid, 1.0),), (STOREY,))
+    for side, x, z in zip(bodies_of(drawn), ((4.0, 4.1), (4.1, 4.2)), ((5.0, 7.5), (5.1, 8.0)), strict=True):
         boxes = side.triangles.reshape(-1, 36, 3)
-        found = sorted((own[:, 1].min(), own[:, 1].max()) for own in boxes)
-        np.testing.assert_allclose(found, spans)
-        assert (boxes[..., 0].min(), boxes[..., 0].max()) == pytest.approx((low, high))
+        low, high = boxes.min(axis=1), boxes.max(axis=1)
+        np.testing.assert_allclose(sorted(zip(low[:, 1], high[:, 1], strict=True)), spans)
+        np.testing.assert_allclose([low[0, 0], high[0, 0], low[0, 2], high[0, 2]], [*x, *z])
     assert len(gaps_of(drawn)) == (0 if spans == [(0.0, 3.0)] else 24)  # one in each side
 
 
