@@ -24,20 +24,12 @@ def extents(*surfaces: WallSurface) -> dict[str, list[tuple[float, float]]]:
     return {name: [*zip(own.min(axis=0), own.max(axis=0), strict=True)] for name, own in corners.items()}
 
 
-@pytest.mark.parametrize(
-    ("other", "depth"),
-    [
-        ({"centroid": (4.69, 1.5)}, 0.345),
-        ({"centroid": (4.71, 1.5)}, 0.05),  # thicker than a wall: the next room's
-        ({"normal": (-1.0, 0.0)}, 0.05),  # of another wall in front of it
-        ({"centroid": (4.2, 4.4)}, 0.1),
-        ({"centroid": (4.2, 4.6)}, 0.05),  # beyond its end
-        ({"floor": "above"}, 0.05),
-    ],
-)
-def test_the_other_side_is_the_next_that_faces_away_behind_it(other: dict[str, object], depth: float) -> None:
-    (x, *_) = extents(FRONT, replace(BACK, **other))["front"]  # type: ignore[arg-type]
-    assert x == pytest.approx((4.0, 4.0 + depth))
+def test_the_other_side_is_the_next_that_faces_away_behind_it() -> None:
+    """No thicker than a wall, beside it and on its storey; else the wall is a sheet."""
+    for centroid, depth in (((4.69, 1.5), 0.345), ((4.71, 1.5), 0.05), ((4.2, 4.4), 0.1), ((4.2, 4.6), 0.05)):
+        assert extents(FRONT, replace(BACK, centroid=centroid))["front"][0] == pytest.approx((4.0, 4.0 + depth))
+    for other in (replace(BACK, normal=(-1.0, 0.0)), replace(BACK, floor="above")):
+        assert extents(FRONT, other)["front"][0] == pytest.approx((4.0, 4.05))
 
 
 @pytest.mark.parametrize(
@@ -77,11 +69,9 @@ def test_openings_and_narrow_frames_beside_them_are_left_out_and_are_gaps(frame:
 
 
 def test_sides_of_one_named_wall_are_one_element_and_others_have_their_own() -> None:
-    named = [replace(side, source="w") for side in (FRONT, BACK)]
-    (wall,) = bodies_of(plan(*named))
+    (wall,) = bodies_of(plan(*(replace(side, source="w") for side in (FRONT, BACK))))
     assert (wall.global_id, wall.ifc_class, wall.name, wall.storey) == ("w", "IfcWall", "Office", "Ground")
-    assert wall.glazed  # it may have windows
-    assert np.ptp(wall.triangles[..., 0]) == pytest.approx(0.2)
+    assert wall.glazed and np.ptp(wall.triangles[..., 0]) == pytest.approx(0.2)
     assert [own.global_id for own in bodies_of(plan(FRONT, BACK))] == ["front", "back"]
     split = replace(FRONT, source="w", parts=(("right", -1.5, 0.2, True), ("left", 1.1, 1.5, True)))
     assert [own.global_id for own in bodies_of(plan(split))] == [*wall_ids(split)] == ["right", "left"]
@@ -93,8 +83,7 @@ def test_floors_and_ceilings_are_sheets_with_their_holes() -> None:
     x, y, z, d = (np.array([0.0, 0.1, -1.0, 7.5]) / np.hypot(0.1, 1.0)).tolist()
     ceiling = LevelSurface("ceiling", (x, y, z, d), square, (), "r", "F", "c")
     found = bodies_of(plan(levels=(floor, ceiling, replace(ceiling, id="b", source="b", kind="IfcBeam"))))
-    assert [own.ifc_class for own in found] == ["IfcSlab", "IfcCovering", "IfcBeam"]
-    assert not any(own.glazed for own in found)
+    assert [(own.ifc_class, own.glazed) for own in found] == [(n, False) for n in ("IfcSlab", "IfcCovering", "IfcBeam")]
     for own, area, height in zip(found, (11.0, 12.0), ((5.0, 5.0), (7.5, 7.8)), strict=False):
         a, b, c = own.triangles[..., :2].transpose(1, 2, 0)
         u, v = b - a, c - a

@@ -103,7 +103,6 @@ def _stretch(name: str, y: float, facing: float, low: float, high: float) -> Str
         (_stretch("piece beyond a passage", 0.02, 1.0, 3.3, 4.0), 2),
         (_stretch("across a slit", 0.12, -1.0, 0.5, 2.5), 2),
         (_stretch("other side of a room", -3.0, -1.0, 0.0, 2.0), 2),
-        (Stretch("across", "f", np.array([2.0, 0.0]), np.array([2.0, 2.0]), np.array([1.0, 0.0]), (0.0, 2.5)), 2),
     ],
 )
 def test_faces_and_pieces_of_one_wall_are_one(other: Stretch, walls: int) -> None:
