@@ -18,6 +18,7 @@ from sgslam.as_built.elements.rays import View
 from sgslam.as_built.elements.tolerance_classes import angle_compliance, angle_limit, loa_class, parse_length
 
 WALL = box((3.0, -3.0, 0.0), (3.2, 3.0, 2.6))
+QUARTER = box((3.0, -3.0, 0.0), (3.2, -1.5, 2.6))  # of it stands
 FAR = box((6.0, -9.0, 0.0), (6.2, 9.0, 2.6))  # behind the wall
 BODIES = {"wall": WALL, "far": FAR, "hidden": box((9.0, -3.0, 0.0), (9.2, 3.0, 2.6))}  # by the far wall
 ELEMENTS = [PlannedElement(name, "IfcWall", name, "", "solid", body) for name, body in BODIES.items()]
@@ -89,24 +90,21 @@ def test_a_wall_that_no_ray_passes_is_not_absent(nearest: float, furthest: float
 
 
 @pytest.mark.parametrize(
-    ("half_width", "part", "glazed", "expected"),
+    ("length", "built", "massive", "glazed"),
     [
-        (0.5, 0.0, False, "absent"),
-        (0.5, 0.0, True, "uncertain"),  # it may be one pane
-        (3.0, 0.0, True, "absent"),  # more panes than a wall has
-        (1.5, 0.25, True, "uncertain"),  # the end of what stands is no moved wall
-        (3.0, 0.25, False, "absent"),
-        (3.0, 0.25, True, "as planned"),  # what stands is between windows
+        (1.0, [], "absent", "uncertain"),  # it may be one pane
+        (6.0, [], "absent", "absent"),  # more panes than a wall has
+        (6.0, [QUARTER], "absent", "as planned"),  # between windows
+        (3.0, [QUARTER], "absent", "uncertain"),  # its end is no moved wall
     ],
 )
 def test_what_may_be_of_glass_is_absent_only_where_much_of_it_is_seen_through(
-    half_width: float, part: float, glazed: bool, expected: str
+    length: float, built: list[Floats], massive: str, glazed: str
 ) -> None:
-    """`part` of the wall's 6 m stands."""
-    stands = [box((3.0, -3.0, 0.0), (3.2, 6 * part - 3.0, 2.6))] if part else []
-    planned = replace(ELEMENTS[0], triangles=WALL * [1.0, half_width / 3.0, 1.0], glazed=glazed)
-    (found,) = assessed([planned], views_of(*stands, FAR)).elements
-    assert found.verdict == expected
+    own = replace(ELEMENTS[0], triangles=WALL * [1.0, length / 6.0, 1.0])
+    views = views_of(*built, FAR)
+    for expected, planned in ((massive, own), (glazed, replace(own, glazed=True))):
+        assert assessed([planned], views).elements[0].verdict == expected
 
 
 @pytest.mark.parametrize(("half_width", "told"), [(0.4, "moved"), (0.8, "uncertain")])

@@ -90,24 +90,18 @@ def test_what_is_planned_besides_explains_what_stands_there() -> None:
     assert len(unplanned("", *stairs, EAST, others=elsewhere)) == 1
 
 
-def _stretch(name: str, y: float, facing: float, low: float, high: float) -> Stretch:
-    """One across y, from x = `low` to `high`."""
-    return Stretch(name, "f", np.array([low, y]), np.array([high, y]), np.array([0.0, facing]), (0.0, 2.5))
+PIECES = ((-0.12, -1.0, 0.5, 2.5), (0.02, 1.0, 3.0, 4.0))  # the back, and what goes on behind a door
+OTHERS = ((0.02, 1.0, 3.3, 4.0), (0.12, -1.0, 0.5, 2.5), (-3.0, -1.0, 0.0, 2.0))  # beyond a passage, a slit, a room
 
 
-@pytest.mark.parametrize(
-    ("other", "walls"),
-    [
-        (_stretch("back", -0.12, -1.0, 0.5, 2.5), 1),
-        (_stretch("piece", 0.02, 1.0, 3.0, 4.0), 1),
-        (_stretch("piece beyond a passage", 0.02, 1.0, 3.3, 4.0), 2),
-        (_stretch("across a slit", 0.12, -1.0, 0.5, 2.5), 2),
-        (_stretch("other side of a room", -3.0, -1.0, 0.0, 2.0), 2),
-    ],
-)
-def test_faces_and_pieces_of_one_wall_are_one(other: Stretch, walls: int) -> None:
-    face = _stretch("face", 0.0, 1.0, 0.0, 2.0)
-    assert len(one_wall_each([face, other])) == len(one_wall_each([other, face])) == walls
+def test_faces_and_pieces_of_one_wall_are_one() -> None:
+    """Stretches across y, that face so, from an x to another."""
+    face, *others = (
+        Stretch("", "f", np.array([low, y]), np.array([high, y]), np.array([0.0, facing]), (0.0, 2.5))
+        for y, facing, low, high in ((0.0, 1.0, 0.0, 2.0), *PIECES, *OTHERS)
+    )
+    for pair in ((face, other) for other in others):
+        assert len(one_wall_each(pair)) == len(one_wall_each(pair[::-1])) == (1 if pair[1] in others[:2] else 2)
 
 
 def test_tables_and_report_have_it_without_a_global_id_and_count_planned_ones_alone(
