@@ -77,19 +77,15 @@ def test_elements_are_found_by_the_grid(tmp_path: Path, unit: float) -> None:
 def test_a_plan_tells_which_wall_stands_where_in_a_plane(tmp_path: Path) -> None:
     """A room of 8 m by 4 m, whose northern side two walls of the model make, the second with a door."""
     writer = IfcWriter("Two in a row", {"Ground": 0.0})
-    for name, x0, y0, x1, y1 in (
-        ("west", -0.2, -0.2, 0.0, 4.2), ("east", 8.0, -0.2, 8.2, 4.2), ("south", 0.0, -0.2, 8.0, 0.0),
-        ("first", 0.0, 4.0, 3.0, 4.2), ("second", 3.0, 4.0, 8.0, 4.2),
-    ):  # fmt: skip
-        host = writer.element("IfcWall", name, "Ground", [box(x0, y0, 0.0, x1, y1, 2.6)])
+    for name, first, last in (("first", 0.0, 3.0), ("second", 3.0, 8.0)):
+        host = writer.element("IfcWall", name, "Ground", [box(first, 4.0, 0.0, last, 4.2, 2.6)])
     writer.cut(host, "Ground", box(5.0, 4.0, 0.0, 6.0, 4.2, 2.1))
     writer.space("Room", "Ground", box(0.0, 0.0, 0.0, 8.0, 4.0, 2.6))
     writer.save(tmp_path / "row.ifc")
     names = {w.GlobalId: w.Name for w in writer.model.by_type("IfcWall")}
-    graph = load_bim(tmp_path / "row.ifc", tmp_path).graph
-    north = next(w for w in graph.wall_surfaces if w.normal[1] < -0.9 and w.length and w.length > 7)
+    surfaces = load_bim(tmp_path / "row.ifc", tmp_path).graph.wall_surfaces
+    (north,) = (w for w in surfaces if w.room and w.normal[1] < -0.9)
     # leftward as one looks along the normal, which points south: eastward
     x = north.centroid[0]
     parts = {(names[s], round(x + low, 2), round(x + high, 2)) for s, low, high, whole in north.parts if whole}
     assert parts == {("first", 0.0, 3.0), ("second", 3.0, 5.0), ("second", 6.0, 8.0)}
-    assert graph == type(graph).from_dict(graph.to_dict())
