@@ -50,22 +50,18 @@ def unplanned(
 @pytest.mark.parametrize(
     ("sides", "low", "high", "places", "is_wall"),
     [
-        # a wall, from either side and from both; short, low, and as thick as a box
         ("west", (0.0, -1.5, 0.0), (0.12, 1.5, 2.6), WEST, True),
         ("east", (0.0, -1.5, 0.0), (0.12, 1.5, 2.6), EAST, True),
-        ("west east", (0.0, -1.5, 0.0), (0.12, 1.5, 2.6), WEST + EAST, True),
         ("west east", (0.0, -0.6, 0.0), (0.12, 0.6, 2.6), WEST + EAST, True),
-        ("west east", (0.0, -0.3, 0.0), (0.12, 0.3, 2.6), WEST + EAST, False),
+        ("west east", (0.0, -0.3, 0.0), (0.12, 0.3, 2.6), WEST + EAST, False),  # short
         ("west east", (0.0, -1.5, 0.0), (0.12, 1.5, 1.6), WEST + EAST, True),
-        ("west east", (0.0, -1.5, 0.0), (0.12, 1.5, 1.1), WEST + EAST, False),
+        ("west east", (0.0, -1.5, 0.0), (0.12, 1.5, 1.1), WEST + EAST, False),  # low
         ("west", (0.0, -1.5, 0.0), (0.12, 1.5, 1.6), WEST, False),
-        ("west east", (0.0, -1.5, 0.0), (0.4, 1.5, 1.7), WEST + EAST, False),
-        # a tall thing at a planned wall may be a cupboard
+        ("west east", (0.0, -1.5, 0.0), (0.4, 1.5, 1.7), WEST + EAST, False),  # as thick as a box
         ("south", (-1.0, 1.7, 0.0), (0.5, 2.3, 2.3), SOUTH, True),
-        ("south", (-1.0, 2.4, 0.0), (0.5, 3.0, 2.3), SOUTH, False),
-        # beside the door it may be its leaf
+        ("south", (-1.0, 2.4, 0.0), (0.5, 3.0, 2.3), SOUTH, False),  # at a planned wall: may be a cupboard
         ("north south", (2.0, -1.9, 0.0), (2.96, -1.85, 2.1), SOUTHWEST + NEAR_ROOM, True),
-        ("north south", (2.0, -0.55, 0.0), (2.96, -0.5, 2.1), SOUTHWEST + NEAR_ROOM, False),
+        ("north south", (2.0, -0.55, 0.0), (2.96, -0.5, 2.1), SOUTHWEST + NEAR_ROOM, False),  # may be the door's leaf
     ],
 )
 def test_thin_or_tall_upright_things_are_walls_unless_they_may_be_cupboards_or_leaves(
