@@ -137,12 +137,8 @@ def test_walls_that_agree_on_nothing_give_no_place() -> None:
 
 
 def test_a_long_wall_is_not_the_stub_that_it_has_come_near_to() -> None:
-    def arrays(*surfaces: WallSurface) -> WallArrays:
-        return WallArrays.of(list(surfaces), {}, np.zeros(2))
-
-    def side(y: float, length: float, x: float = 0.0) -> WallSurface:
-        return WallSurface(f"{y}", None, (x, y), (0.0, 1.0), length)
-
-    stub, long = side(0.0, 0.3), side(-0.25, 3.0, x=0.5)
-    for y, planned, expected in ((0.04, (stub, long), 1), (0.04, (stub,), -1), (0.01, (stub,), 0)):
-        assert associate_walls(arrays(side(y, 2.5)), arrays(*planned), 0.4, 0.07).tolist() == [expected]
+    stub, long = (WallSurface(f"{y}", None, (x, y), (0.0, 1.0), n) for x, y, n in ((0.0, 0.0, 0.3), (0.5, -0.25, 3.0)))
+    for y, planned, expected in ((0.04, [stub, long], 1), (0.04, [stub], -1), (0.01, [stub], 0)):
+        seen = WallSurface("seen", None, (0.0, y), (0.0, 1.0), 2.5)
+        walls, sides = (WallArrays.of(surfaces, {}, np.zeros(2)) for surfaces in ([seen], planned))
+        assert associate_walls(walls, sides, 0.4, 0.07).tolist() == [expected]

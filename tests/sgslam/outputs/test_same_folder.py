@@ -56,9 +56,7 @@ def test_command_and_library_write_the_same(anchored_run: Path, tmp_path: Path) 
     assert any(own["significant"] for own in json.loads((tmp_path / "deviations.json").read_text()))
 
 
-def test_without_the_model_the_elements_are_those_of_the_a_graph(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_without_its_model_elements_are_those_of_the_a_graph(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     result = replace(small_run(with_bim=True)[1], plan_file=tmp_path / "gone.ifc")
     with pytest.raises(UserError, match="no such file"):
         _ = result.deviations

@@ -43,8 +43,8 @@ def unplanned(
     s_graph = SceneGraph("map", (), tuple(mapped(s, low, high) for s in sides.split()), floors=(Floor("m", "", 0.0),))
     elements = [own for own in rooms.planned() if own.global_id in ("wall", "shell")]
     views = rooms.views_of(rooms.SHELL, rooms.WALL, *(built or [box(low, high)]), places=places)
-    found = rooms.assessed(elements, views, others=others, s_graph=s_graph, plan=PLAN, matches={"floor": "F"})
-    return found.unplanned
+    of = {"s_graph": s_graph, "plan": PLAN, "matches": {"floor": "F"}}
+    return rooms.assessed(elements, views, others=others, **of).unplanned
 
 
 @pytest.mark.parametrize(
