@@ -82,8 +82,7 @@ def test_what_is_planned_besides_explains_what_stands_there() -> None:
     stairs: tuple[Corner, Corner] = (-2.0, -2.0, 0.0), (-1.0, -1.0, 1.0)
     (found,) = unplanned("", *stairs, EAST)
     assert found.kind == "furniture-like" and not unplanned("", *stairs, EAST, others=box(*stairs))
-    elsewhere = box((1.0, -2.0, 0.0), (2.0, -1.0, 1.0))
-    assert len(unplanned("", *stairs, EAST, others=elsewhere)) == 1
+    assert len(unplanned("", *stairs, EAST, others=box((1.0, -2.0, 0.0), (2.0, -1.0, 1.0)))) == 1
 
 
 PIECES = ((-0.12, -1.0, 0.5, 2.5), (0.02, 1.0, 3.0, 4.0))  # the back, and what goes on behind a door
