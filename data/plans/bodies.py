@@ -93,10 +93,12 @@ def _stretches(surface: WallSurface, plan: SceneGraph) -> Iterator[tuple[str, fl
     """Where along a surface, as in its parts, a wall reaches from floor to ceiling, with its source; without doors."""
     half = (surface.length or 0.0) / 2
     cut: Intervals = []
+    here = {room.id for room in plan.rooms if room.floor == surface.floor or None in (room.floor, surface.floor)}
     for door in plan.doors if not surface.parts else ():
         away = np.subtract(door.centroid, surface.centroid)
         along = float(away @ [-surface.normal[1], surface.normal[0]])
-        if door.width is not None and abs(away @ surface.normal) < THICKEST / 2 and abs(along) < half:
+        beside = here.intersection(door.rooms)
+        if beside and door.width is not None and abs(away @ surface.normal) < THICKEST / 2 and abs(along) < half:
             cut.append((along - door.width / 2, along + door.width / 2))
     for source, first, last, full in surface.parts or ((surface.source, -half, half, True),):
         for low, high in without([(first, last)], united(cut)):

@@ -24,12 +24,13 @@ SENSOR = SpinningSensor(azimuths=450, rate=5.0)
 
 @dataclass(frozen=True)
 class Drive:
-    """`truth` is T_bim_sensor of each scan; `names` are those of the rooms by GlobalId."""
+    """`truth` is T_bim_sensor of each scan; `names` are those of the rooms by GlobalId. `folder` has the model."""
 
     bim: Bim
     scans: list[tuple[int, Array]]
     truth: Trajectory
     names: dict[str, str]
+    folder: tempfile.TemporaryDirectory[str]
 
     def errors(self, result: Result) -> Array:
         """(N,) metres of each pose in the BIM frame, no alignment."""
@@ -48,14 +49,14 @@ def off(found: Trajectory, truth: Trajectory) -> Array:
 @functools.cache
 def small_drive() -> Drive:
     """Through all three rooms of `small_ifc`'s building, which lies far from zero and is turned."""
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        building = write_small_ifc(folder / "small.ifc", site=(3000.0, -2000.0, 40.0), yaw=0.5, elevation=3.0)
-        run = simulate(
-            building.path, "Ground", folder / "run", seed=3, min_rooms=3, min_length=20.0, sensor=SENSOR, robot=ROBOT
-        )
-        scans = [(scan.stamp_ns, scan.points) for scan in ScanFolder(run.out_dir / "scans")]
-        return Drive(load_bim(building.path, folder / "cache"), scans, run.truth, building.rooms)
+    kept = tempfile.TemporaryDirectory()
+    folder = Path(kept.name)
+    building = write_small_ifc(folder / "small.ifc", site=(3000.0, -2000.0, 40.0), yaw=0.5, elevation=3.0)
+    run = simulate(
+        building.path, "Ground", folder / "run", seed=3, min_rooms=3, min_length=20.0, sensor=SENSOR, robot=ROBOT
+    )
+    scans = [(scan.stamp_ns, scan.points) for scan in ScanFolder(run.out_dir / "scans")]
+    return Drive(load_bim(building.path, folder / "cache"), scans, run.truth, building.rooms, kept)
 
 
 @functools.cache

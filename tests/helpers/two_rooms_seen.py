@@ -1,12 +1,16 @@
 """Two rooms with a door in the wall between them and a column, and what a LiDAR that is carried there sees."""
 
+from typing import Any
+
 import numpy as np
 from boxes import triangles_of
 from numpy.typing import NDArray
 
 from data.geometry.raycast import TriangleScene
-from data.plans.elements import PlannedElement
-from sgslam.as_built.elements.sightings import View
+from data.plans.bodies import PlannedElement
+from data.scene_graph import SceneGraph
+from sgslam.as_built import AnchoredMap, Assessment, assess
+from sgslam.as_built.elements.rays import View
 
 Floats = NDArray[np.float64]
 Corner = tuple[float, float, float]
@@ -20,6 +24,7 @@ COLUMN, SIDE = (0.6, 1.4), 0.3  # m, x, y of its middle, and its width
 NEAR_ROOM: Places = tuple((x, y) for x in (-1.5, 0.0, 1.5) for y in (-2.0, -0.7, 0.7, 2.3))
 FAR_ROOM: Places = tuple((x, y) for x in (4.4, 5.5, 6.6) for y in (-1.7, 0.0, 1.7))
 BOTH = NEAR_ROOM + FAR_ROOM
+NOTHING = np.empty((0, 3, 3))
 
 
 def box(low: Corner, high: Corner) -> Floats:
@@ -77,7 +82,7 @@ def _view(scene: TriangleScene, place: tuple[float, float], rng: np.random.Gener
     T[:3, 3] = np.add(true, [*rng.normal(0.0, POSE_SIGMA, 2), 0.0])
     turn = rng.normal(0.0, HEADING_SIGMA)
     T[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
-    return View(points[kept].astype(np.float32), T, POSE_SIGMA, HEADING_SIGMA)
+    return View(points[kept].astype(np.float32), T, np.full(3, POSE_SIGMA), HEADING_SIGMA)
 
 
 def planned(set_back: float | None = None) -> list[PlannedElement]:
@@ -89,3 +94,12 @@ def planned(set_back: float | None = None) -> list[PlannedElement]:
         *(PlannedElement(name, kind, "", "", "solid", triangles) for name, kind, triangles in solids),
         PlannedElement("door", "IfcDoor", "", "", "opening", body, wall="wall", filling=filling),
     ]
+
+
+def assessed(
+    elements: list[PlannedElement], views: list[View], tolerance: float = 0.01, others: Floats = NOTHING, **of: Any
+) -> Assessment:
+    """What such views say of the elements; the map's frame is the BIM frame. `of` are fields of the map in its plan."""
+    graphs = {"s_graph": SceneGraph("map"), "plan": SceneGraph("bim"), "matches": None} | of
+    run = AnchoredMap(T_bim_map=np.eye(4), views=views, **graphs)
+    return assess(run, elements, others, tolerance, shared=0.004)

@@ -1,6 +1,5 @@
 """Generated buildings whose walls, doors, windows and columns are elements of their own."""
 
-from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,8 +27,6 @@ from data.scene_graph import SceneGraph
 from evaluation.buildings import building_named
 
 OUTER = 0.3
-
-
 SEED = 902600
 
 
@@ -51,9 +48,9 @@ def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     return Written(plan, path, graph)
 
 
-def areas(path: Path, ifc_class: str) -> list[Area]:
-    """The convex outlines in plan of a class."""
-    return [shapely.MultiPoint(of.triangles.reshape(-1, 3)[:, :2]).convex_hull for of in elements(path, ifc_class)]
+def areas(path: Path, *classes: str) -> list[Area]:
+    """The convex outlines in plan of elements."""
+    return [shapely.MultiPoint(of.triangles.reshape(-1, 3)[:, :2]).convex_hull for of in elements(path, *classes)]
 
 
 def elements(path: Path, *classes: str) -> list[PlannedElement]:
@@ -82,9 +79,7 @@ def test_each_wall_is_an_element_that_a_room_sees(written: Written) -> None:
     assert walls and walls <= seen
 
 
-def test_doors_and_windows_fill_openings_and_panes_face_the_rooms_at_one_depth(
-    written: Written,
-) -> None:
+def test_doors_and_windows_fill_openings_and_panes_face_the_rooms_at_one_depth(written: Written) -> None:
     openings = elements(written.path, "IfcDoor", "IfcWindow")
     heights = {of.ifc_class: (of.triangles[..., 2].min(), of.triangles[..., 2].max()) for of in openings}
     assert heights["IfcDoor"][0] == pytest.approx(0.0) and heights["IfcWindow"][0] > 0.5
@@ -97,8 +92,7 @@ def test_doors_and_windows_fill_openings_and_panes_face_the_rooms_at_one_depth(
 
 def test_columns_stand_clear_of_openings_and_of_each_other(written: Written) -> None:
     path = written.path
-    columns = areas(path, "IfcColumn")
-    others = [*areas(path, "IfcDoor"), *areas(path, "IfcWindow")]
+    columns, others = areas(path, "IfcColumn"), areas(path, "IfcDoor", "IfcWindow")
     assert len(columns) >= 2
     for k, column in enumerate(columns):
         assert shapely.distance(column, [*others, *columns[:k]]).min() > CLEAR - 0.01
@@ -115,16 +109,8 @@ def test_the_same_plan_and_seed_give_the_same_bytes(written: Written, tmp_path: 
 def test_a_plan_with_slanted_walls_or_several_storeys_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="storeys"):
         write_wall_building(generate_plan("tower", 0).graph, tmp_path / "tower.ifc", 0)
-    slanted = next(plan for seed in range(9) if _is_slanted(plan := generate_plan("skewed", seed).graph))
     with pytest.raises(UserError, match="right angles"):
-        write_wall_building(slanted, tmp_path / "skewed.ifc", 0)
-
-
-def _is_slanted(plan: SceneGraph) -> bool:
-    areas = [
-        shapely.Polygon(room.polygon) for room in plan.rooms if room.polygon is not None and len(room.polygon) == 4
-    ]
-    return any(area.area < 0.97 * shapely.oriented_envelope(area).area for area in areas)
+        write_wall_building(generate_plan("skewed", 0).graph, tmp_path / "skewed.ifc", 0)
 
 
 @pytest.mark.parametrize("kind", ["apartment", "office", "corridor", "l_shape"])
@@ -179,5 +165,4 @@ def test_what_lies_in_the_way_of_a_wall_is_met_but_not_what_lies_beside_it() -> 
 
 
 def test_buildings_with_late_seeds_are_for_tests() -> None:
-    roles = Counter(building_named(f"walls/office_{seed}").role for seed in (901_999, 902_000))
-    assert roles == {"development": 1, "test": 1}
+    assert [building_named(f"walls/office_{seed}").role for seed in (901_999, 902_000)] == ["development", "test"]

@@ -43,7 +43,7 @@ def test_a_door_joins_the_rooms_on_its_sides(tmp_path: Path) -> None:
     inner, outer = box(4.0, 1, 0.1, 0.9), box(1, -0.3, 0.9, 0.3)
     graph = read(tmp_path, box(0, 0, 4, 3), box(4.1, 0, 3, 3), door=inner, entrance_door=outer)
     assert [set(d.rooms) for d in graph.doors] == [{"room0", "room1"}, {"room0"}]
-    assert len(graph.wall_surfaces) == 8
+    assert [d.width for d in graph.doors] == pytest.approx([0.9, 0.9]) and len(graph.wall_surfaces) == 8
 
 
 def test_an_open_side_between_rooms_is_a_passage_unless_a_wall_is_drawn(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""How walls are told apart and found: which surfaces are faces of one wall, and which grid lines are beside it."""
+"""How walls are told apart and found: which surfaces are faces of one wall, which wall is where, and by the grid."""
 
 from pathlib import Path
 
@@ -7,6 +7,8 @@ import ifcopenshell.guid
 import pytest
 from small_ifc import write_small_ifc
 
+from data.ifc.writer import IfcWriter, box
+from data.plans import load_bim
 from data.plans.elements import planned_elements
 from data.scene_graph import WallSurface
 from data.scene_graph.wall_faces import wall_names
@@ -70,3 +72,20 @@ def test_elements_are_found_by_the_grid(tmp_path: Path, unit: float) -> None:
     grid = {element.name: element.grid for element in planned_elements(tmp_path / "b.ifc")}
     assert grid["south"] == "A-C/1" and grid["west"] == "A/1-3" and grid["between"] == "B/2-3"
     assert grid["window"] == "A-B/3"
+
+
+def test_a_plan_tells_which_wall_stands_where_in_a_plane(tmp_path: Path) -> None:
+    """A room of 8 m by 4 m, whose northern side two walls of the model make, the second with a door."""
+    writer = IfcWriter("Two in a row", {"Ground": 0.0})
+    for name, first, last in (("first", 0.0, 3.0), ("second", 3.0, 8.0)):
+        host = writer.element("IfcWall", name, "Ground", [box(first, 4.0, 0.0, last, 4.2, 2.6)])
+    writer.cut(host, "Ground", box(5.0, 4.0, 0.0, 6.0, 4.2, 2.1))
+    writer.space("Room", "Ground", box(0.0, 0.0, 0.0, 8.0, 4.0, 2.6))
+    writer.save(tmp_path / "row.ifc")
+    names = {w.GlobalId: w.Name for w in writer.model.by_type("IfcWall")}
+    surfaces = load_bim(tmp_path / "row.ifc", tmp_path).graph.wall_surfaces
+    (north,) = (w for w in surfaces if w.room and w.normal[1] < -0.9)
+    # leftward as one looks along the normal, which points south: eastward
+    x = north.centroid[0]
+    parts = {(names[s], round(x + low, 2), round(x + high, 2)) for s, low, high, whole in north.parts if whole}
+    assert parts == {("first", 0.0, 3.0), ("second", 3.0, 5.0), ("second", 6.0, 8.0)}

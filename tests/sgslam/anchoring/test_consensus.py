@@ -9,7 +9,7 @@ from boxes import Array
 from data import WallSurface
 from sgslam.anchoring.se2_consensus import Pairs, determined, find_consensus
 from sgslam.anchoring.wall_alignment import _pairs
-from sgslam.anchoring.wall_association import WallArrays
+from sgslam.anchoring.wall_association import WallArrays, associate_walls
 
 TURNED = 0.07
 
@@ -134,3 +134,11 @@ def test_walls_that_agree_on_nothing_give_no_place() -> None:
     off = np.random.default_rng(0).uniform(-0.5, 0.5, len(pairs.seen))[:, None] * pairs.seen_normal
     found = find_consensus(replace(pairs, seen=pairs.seen + off, unit=np.arange(len(off))), true, TURNED)
     assert found is None or found.share < 0.5
+
+
+def test_a_long_wall_is_not_the_stub_that_it_has_come_near_to() -> None:
+    stub, long = (WallSurface(f"{y}", None, (x, y), (0.0, 1.0), n) for x, y, n in ((0.0, 0.0, 0.3), (0.5, -0.25, 3.0)))
+    for y, planned, expected in ((0.04, [stub, long], 1), (0.04, [stub], -1), (0.01, [stub], 0)):
+        seen = WallSurface("seen", None, (0.0, y), (0.0, 1.0), 2.5)
+        walls, sides = (WallArrays.of(surfaces, {}, np.zeros(2)) for surfaces in ([seen], planned))
+        assert associate_walls(walls, sides, 0.4, 0.07).tolist() == [expected]

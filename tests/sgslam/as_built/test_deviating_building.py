@@ -42,9 +42,9 @@ def test_a_building_as_planned_has_no_deviations_and_its_poses_are_known_as_well
 
 
 @pytest.mark.slow
-def test_walls_that_are_moved_missing_extra_or_closed_are_reported_and_do_not_distort_the_map() -> None:
-    """The plan has the wall between the office and the store 20 cm off, a free-standing wall across the hall and an
-    opening of 1.6 m in the store's northern wall, and lacks the hall's southern wall."""
+def test_walls_that_are_moved_missing_or_extra_are_reported_and_do_not_distort_the_map() -> None:
+    """The plan has the wall between the office and the store 20 cm off and a free-standing wall along the hall, and
+    lacks the hall's southern wall. It is no IFC model: walls may have windows that are not drawn."""
     drive, (_, clean) = small_drive(), small_run(with_bim=True)
     graph = drive.bim.graph
     hall, office, store = (next(r for r in graph.rooms if r.name == name) for name in ("Hall", "Office", "Store"))
@@ -54,17 +54,14 @@ def test_walls_that_are_moved_missing_extra_or_closed_are_reported_and_do_not_di
     south = next(s for s, own in rooms.items() if own == {hall.id, None} and s in long)
     along = np.array(next(w for w in graph.wall_surfaces if w.source == between).normal)
     step = OFF * along
-    north = next(w for w in graph.surfaces_of_room[store.id] if w.source in long and None in rooms[w.source])
-    opened = ((north.source, -2.45, -0.8, True), (north.source, 0.8, 2.45, True))
+    across, height = np.array([-along[1], along[0]]), graph.surfaces_of_room[hall.id][0].height
     walls = []
     for k in (-1, 1):
-        middle, normal = xy(np.array(hall.centroid) + 0.06 * k * along), xy(k * along)
-        walls.append(WallSurface(f"across/{k}", hall.id, middle, normal, 2.8, hall.floor, "across", (0.0, 2.5)))
-    for wall in graph.wall_surfaces:
-        if wall.source == between:
-            wall = replace(wall, centroid=xy(np.array(wall.centroid) + step), plane=None)
-        if wall.source != south:
-            walls.append(replace(wall, parts=opened) if wall is north else wall)
+        middle, normal = xy(np.array(hall.centroid) + 0.06 * k * across), xy(k * across)
+        walls.append(WallSurface(f"free/{k}", hall.id, middle, normal, 7.0, hall.floor, "free", height))
+    for wall in (wall for wall in graph.wall_surfaces if wall.source != south):
+        off = step if wall.source == between else 0.0
+        walls.append(replace(wall, centroid=xy(np.array(wall.centroid) + off), plane=None))
     result = fed(SceneGraphSlam(replace(graph, wall_surfaces=tuple(walls))), drive.scans).finish()
     assert result.anchored and result.T_bim_map is not None, result.reason
     assert drive.rmse(result) < 1.5 * drive.rmse(clean) + 0.003
@@ -77,10 +74,8 @@ def test_walls_that_are_moved_missing_extra_or_closed_are_reported_and_do_not_di
         assert d["offset_m"] == pytest.approx(true, abs=0.03) and 0.003 < d["sigma_m"] < 0.05
         assert held[d["a_id"]] == "loose"
     assert sum(state == "tight" for state in held.values()) > len(moved)
-    assert {d["a_id"] for d in absent} == {"across/-1", "across/1"} and {d["source"] for d in absent} == {"across"}
-    stand = [w for w in graph.wall_surfaces if w.source == south or w.id == north.id]
-    in_opening = [d for d in extra if "opening" in d["reason"]]
-    assert len(in_opening) == 1 and len(extra) > 1
+    assert {d["a_id"] for d in absent} == {"free/-1", "free/1"} and {d["source"] for d in absent} == {"free"}
+    stands = next(w for w in graph.wall_surfaces if w.source == south and w.room == hall.id)
+    assert extra
     for d in extra:
-        centre = result.T_bim_map[:2, :2] @ result.s_graph.surface_by_id[d["s_id"]].centroid + result.T_bim_map[:2, 3]
-        assert min(abs((centre - w.centroid) @ np.array(w.normal)) for w in stand) < 0.05
+        assert np.abs((np.array(d["trace"]) - stands.centroid) @ stands.normal).max() < 0.05

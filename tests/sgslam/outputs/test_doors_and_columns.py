@@ -5,8 +5,7 @@ import pytest
 import two_rooms_seen as rooms
 from two_rooms_seen import BOTH, FAR, JAMBS, NEAR, NEAR_ROOM, WALL, Floats, Places, box, column, leaf, wall_with_door
 
-from data.scene_graph import SceneGraph
-from sgslam.as_built.elements import ElementVerdict, element_verdicts
+from sgslam.as_built.elements import ElementVerdict
 
 LEFT = ((-1.5, 1.2), (-2.0, 1.5), (-1.0, 0.8), (-2.0, 1.8), (-1.2, 1.5))  # of the column
 UNDECIDED = {"as planned", "uncertain", "not seen"}
@@ -19,18 +18,12 @@ SLIDE = np.array([0.0, 0.1, 0.0])
 
 
 def judged(
-    name: str,
-    built: tuple[Floats, ...],
-    places: Places = BOTH,
-    set_back: float | None = None,
-    tolerance: float = 0.01,
-    known: tuple[str, ...] = ("wall", "shell"),
+    name: str, built: tuple[Floats, ...], places: Places = BOTH, set_back: float | None = None, tolerance: float = 0.01
 ) -> ElementVerdict:
-    """The verdict on one of the elements; of the others, some are `known`."""
-    elements = [own for own in rooms.planned(set_back) if own.global_id in (name, *known)]
+    """The verdict on one of the elements; wall and shell are known."""
+    elements = [own for own in rooms.planned(set_back) if own.global_id in (name, "wall", "shell")]
     views = rooms.views_of(rooms.SHELL, *built, places=places)
-    found = element_verdicts(elements, views, SceneGraph("bim"), tolerance, 0.004)
-    return next(own for own in found if own.global_id == name)
+    return next(own for own in rooms.assessed(elements, views, tolerance).elements if own.global_id == name)
 
 
 @pytest.mark.parametrize(
@@ -91,4 +84,5 @@ def test_what_stands_there_or_before_it(
 
 
 def test_a_door_is_not_judged_without_its_wall() -> None:
-    assert judged("door", (WALL,), known=()).verdict == "not seen"
+    *_, door = rooms.planned()
+    assert rooms.assessed([door], rooms.views_of(rooms.SHELL, WALL)).elements[0].verdict == "not seen"

@@ -3,6 +3,7 @@
 import json
 import shutil
 import zipfile
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -16,49 +17,53 @@ import pytest
 from report_samples import verdict
 from small_ifc import STOREY, write_small_ifc
 
-from data import Floor, SceneGraph, WallSurface
+from data import SceneGraph, WallSurface
 from data.common.errors import UserError
 from data.ifc.bcf import Version
 from data.ifc.deviations import ElementFinding, write_as_built
 from data.plans import load_bim
+from sgslam.as_built.elements import ElementVerdict, Verdict
 from sgslam.as_built.elements.files import write_elements
 from sgslam.as_built.findings import BCF
+from sgslam.as_built.unplanned.entries import UnplannedEntry
 from sgslam.cli.export import IFC, export
 from sgslam.config import Config
 from sgslam.config.loading import save_config
 
 SHARED_2X3 = Path(__file__).resolve().parents[4] / "shared/data/ifc/AC90R1-niedriha-V2-2x3.ifc"
 YAW = 0.4
+ENDS = ((3000.0, -1998.0), (3003.0, -1998.0))
 Run = tuple[Path, Path, list[WallSurface]]
 
 
-def entry(kind: str, surface: WallSurface | None, offset: float | None = None, **more: Any) -> dict[str, Any]:
-    source, a_id = ("", None) if surface is None else (surface.source, surface.id)
-    known = {"tilt_rad": 0.01, "sigma_m": 0.005} if offset is not None else {"tilt_rad": None, "sigma_m": None}
-    told = {"s_id": None, "a_id": a_id, "source": source, "kind": kind, "offset_m": offset, "significant": True}
-    return told | known | {"reason": "because"} | more
+def on(surface: WallSurface, found: Verdict, offset: float | None = None) -> ElementVerdict:
+    """The verdict on the wall of a surface."""
+    outline = (*surface.ends(), *surface.ends()[::-1])
+    return verdict(surface.source, found, offset, turn_rad=0.01, outline=outline, direction=(*surface.normal, 0.0))
 
 
 @pytest.fixture(scope="module", params=[False, True], ids=["metres", "millimetres"])
 def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Run:
     """A run's folder, as far as it is read, its model, which is turned and lies far from zero, and surfaces of it: of a
-    wall that is moved, of one that is absent, and of one that is as planned. The plan lacks a fourth."""
+    wall that is moved, of an absent and of one that is as planned. The plan lacks a fourth. A door is not seen."""
     out = tmp_path_factory.mktemp("run")
     building = write_small_ifc(out / "small.ifc", site=(3000.0, -2000.0, 40.0), yaw=YAW, millimetres=request.param)
     graph = load_bim(building.path, out).graph
     moved, absent, stands = list({w.source: w for w in reversed(graph.wall_surfaces)}.values())[:3]
-    extra = WallSurface("w9", None, (1.0, 2.0), (0.0, 1.0), 3.0, "floor-0", height=(0.1, 2.2))
+    door = ifcopenshell.open(str(building.path)).by_type("IfcDoor")[0].GlobalId
     graph.save(out / "a_graph.json")
-    SceneGraph("map", (), (extra,), (), (Floor("floor-0", "", -0.8),)).save(out / "s_graph.json")
-    deviations = [entry("moved", moved, 0.15), entry("moved", moved, 0.01, significant=False), entry("absent", absent)]
-    deviations += [entry("moved", stands, -0.004, significant=False), entry("extra", None, s_id="w9", source="w")]
-    (out / "deviations.json").write_text(json.dumps(deviations))
-    pose = [3000.0, -2000.0, 41.0, 0.0, 0.0, np.sin(YAW / 2), np.cos(YAW / 2)]
-    (out / "metrics.json").write_text(json.dumps({"T_bim_map": pose}))
-    (out / "matches.json").write_text(json.dumps({"floor": moved.floor}))
+    SceneGraph("map").save(out / "s_graph.json")
+    verdicts = [on(moved, "moved", 0.15), on(absent, "absent"), on(stands, "as planned", -0.004)]
+    verdicts.append(verdict(door, "not seen"))
+    extra = UnplannedEntry("w9", "wall-like", "Hall", STOREY, ENDS, 3.0, (40.2, 42.3), (0.0, 1.0), ("w9",), "because")
+    thing = replace(extra, id="w8", kind="furniture-like")
+    write_elements(out, [asdict(own) for own in verdicts], 0.03, [asdict(own) for own in (extra, thing)])
+    metrics = {"T_bim_map": [3000.0, -2000.0, 41.0, 0.0, 0.0, 0.0, 1.0]}
+    for name, content in (("metrics", metrics), ("matches", {"floor": moved.floor}), ("deviations", [])):
+        (out / f"{name}.json").write_text(json.dumps(content))
     (out / "config.yaml").write_text(save_config(Config()))
     said = "\n".join(export(out, ["ifc", "bcf"], building.path))
-    assert "3 elements" in said and "3 topics" in said
+    assert "4 elements" in said and "3 topics" in said
     return out, building.path, [moved, absent, stands]
 
 
@@ -72,32 +77,21 @@ def as_built(path: Path, *names: str) -> list[dict[str, Any]]:
 
 def test_walls_of_the_copy_tell_how_they_were_built(run: Run) -> None:
     out, _, surfaces = run
-    moved, absent, stands = as_built(out / IFC, *(own.source for own in surfaces))
-    assert [own["Status"] for own in (moved, absent, stands)] == ["moved", "absent", "as planned"]
-    np.testing.assert_allclose([moved["OffsetX"], moved["OffsetY"]], 0.15 * np.array(surfaces[0].normal), rtol=1e-6)
-    assert moved["Offset"] == pytest.approx(0.15) and moved["OffsetSigma"] == pytest.approx(0.005)
-    assert moved["Turn"] == pytest.approx(0.01) and moved["Reason"] == "because" and "Offset" not in absent
     copy = ifcopenshell.open(str(out / IFC))
+    (door,) = (own.GlobalId for own in copy.by_type("IfcDoor") if ifcopenshell.util.element.get_pset(own, "AsBuilt"))
+    moved, absent, stands, hidden = as_built(out / IFC, *(own.source for own in surfaces), door)
+    assert [own["Status"] for own in (moved, absent, stands, hidden)] == ["moved", "absent", "as planned", "not seen"]
+    offset = [moved[f"Offset{axis}"] for axis in "XYZ"]
+    np.testing.assert_allclose(offset, [*(0.15 * np.array(surfaces[0].normal)), 0.0], atol=1e-7)
+    assert [moved[name] for name in ("ShareSeen", "LevelOfAccuracy", "Conclusive", "Views")] == [0.85, "LOA30", True, 7]
+    assert moved["Offset"] == pytest.approx(0.15) and moved["OffsetSigma"] == pytest.approx(0.005)
+    assert moved["Turn"] == pytest.approx(0.01) and moved["Reason"] == "because"
+    assert not {"Offset", "LevelOfAccuracy"} & absent.keys()
     (item,) = copy.by_guid(surfaces[0].source).Representation.Representations[0].Items
     assert item.StyledByItem[0].Styles[0].Name == "As built: moved"
     # all else is as it was: the same walls make the same A-graph
     graph, again = SceneGraph.load(out / "a_graph.json"), load_bim(out / IFC, out / "cache").graph
     assert again.wall_surfaces == graph.wall_surfaces and again.rooms == graph.rooms
-
-
-def test_where_there_are_verdicts_every_element_has_its_own(run: Run, tmp_path: Path) -> None:
-    out, bim, _ = run
-    shutil.copytree(out, tmp_path, dirs_exist_ok=True)
-    model = ifcopenshell.open(str(bim))
-    door, wall = (model.by_type(kind)[0].GlobalId for kind in ("IfcDoor", "IfcWall"))
-    verdicts = [verdict(door, "absent"), verdict(wall, "moved", 0.05, direction=(0.0, 0.6, 0.8))]
-    write_elements(tmp_path, verdicts, 0.03)
-    export(tmp_path, ["ifc"], bim)
-    absent, moved = as_built(tmp_path / IFC, door, wall)
-    assert absent["Status"] == "absent" and "LevelOfAccuracy" not in absent
-    told = [moved[name] for name in ("Status", "ShareSeen", "LevelOfAccuracy", "Conclusive", "Views")]
-    assert told == ["moved", 0.85, "LOA30", True, 7]
-    np.testing.assert_allclose([moved[f"Offset{axis}"] for axis in "XYZ"], [0.0, 0.03, 0.04], atol=1e-9)
 
 
 def test_a_wall_that_the_plan_lacks_stands_in_the_copy(run: Run) -> None:
@@ -107,9 +101,7 @@ def test_a_wall_that_the_plan_lacks_stands_in_the_copy(run: Run) -> None:
     assert ifcopenshell.util.element.get_container(proxy).Name == STOREY
     metre = ifcopenshell.util.unit.calculate_unit_scale(copy)
     T = ifcopenshell.util.placement.get_local_placement(proxy.ObjectPlacement)
-    # from the map: the left end at (-0.5, 2), 0.1 m over the floor, which lies 0.8 m under the first pose
-    x, y = np.array([[np.cos(YAW), -np.sin(YAW)], [np.sin(YAW), np.cos(YAW)]]) @ [-0.5, 2.0]
-    np.testing.assert_allclose(T[:3, 3] * metre, [3000.0 + x, -2000.0 + y, 41.0 - 0.8 + 0.1], atol=1e-6)
+    np.testing.assert_allclose(T[:3, 3] * metre, [*ENDS[0], 40.2], atol=1e-6)
     solid = proxy.Representation.Representations[0].Items[0]
     assert solid.Depth * metre == pytest.approx(2.1)
 
@@ -143,7 +135,7 @@ def test_topics_name_the_walls_and_look_at_them(run: Run, version: Version) -> N
 def test_a_model_of_another_building_is_refused(run: Run, tmp_path: Path) -> None:
     shutil.copytree(run[0], tmp_path, dirs_exist_ok=True)
     (tmp_path / IFC).unlink()
-    (tmp_path / "deviations.json").write_text(json.dumps([entry("moved", run[2][0], 0.1, source="0" * 22)]))
+    write_elements(tmp_path, [asdict(verdict("0" * 22, "moved", 0.1))], 0.03)
     with pytest.raises(UserError, match="none of the elements"):
         export(tmp_path, ["ifc"], run[1])
     assert not (tmp_path / IFC).exists()

@@ -3,11 +3,13 @@
 import json
 import re
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from drives import small_run
 
+from data.common.errors import UserError
 from data.plans import load_bim
 from data.scans.sources import open_scans
 from sgslam.config import Config
@@ -54,9 +56,13 @@ def test_command_and_library_write_the_same(anchored_run: Path, tmp_path: Path) 
     assert any(own["significant"] for own in json.loads((tmp_path / "deviations.json").read_text()))
 
 
-def test_a_model_that_is_gone_costs_the_verdicts_alone(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    result = small_run(with_bim=True)[1]
-    assert result.plan_file is not None and not result.plan_file.exists()  # it was read from a temporary folder
+def test_without_its_model_elements_are_those_of_the_a_graph(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    result = replace(small_run(with_bim=True)[1], plan_file=tmp_path / "gone.ifc")
+    with pytest.raises(UserError, match="no such file"):
+        _ = result.deviations
     result.save(tmp_path)
-    assert "no verdicts on elements" in caplog.text
-    assert (tmp_path / "deviations.bcf").is_file() and not (tmp_path / "elements.json").exists()
+    assert "gone.ifc" in caplog.text and result.a_graph is not None
+    found = json.loads((tmp_path / "elements.json").read_text())["elements"]
+    surfaces = result.a_graph.wall_surfaces + result.a_graph.level_surfaces
+    assert {own["global_id"] for own in found} == {own.source or own.id for own in surfaces}
+    assert (tmp_path / "deviations.bcf").is_file() and json.loads((tmp_path / "deviations.json").read_text())
