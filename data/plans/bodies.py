@@ -16,6 +16,7 @@ Kind = Literal["solid", "opening"]
 THICKEST = 0.7  # m between the sides of one wall
 SHEET = 0.05  # m: depth of a wall of which one side is known
 HEIGHT = 2.5  # m of a wall whose height is unknown
+PANE = 1.5  # m2, of a window
 NARROWEST = 0.3  # m: a narrower part beside a door is its frame
 PARALLEL = 0.99  # cosine between both sides of a wall
 
@@ -26,8 +27,8 @@ class PlannedElement:
 
     Those of an opening, which a door or a window fills, are the body that is cut out of the wall; `wall` is that wall's
     GlobalId, and `filling` (K, 3, 3) the body of the door or window itself, None where it has none. `grid` names the
-    grid lines at which it stands, such as B/3; empty in a model without any. `glazed`: it is of glass, or may have
-    openings that are not drawn.
+    grid lines at which it stands, such as B/3; empty in a model without any. `pane` is the area (m2)
+    of one of the panes or openings that it has and the plan does not show, inf where all of it may be elsewhere.
     """
 
     global_id: str
@@ -39,7 +40,7 @@ class PlannedElement:
     grid: str = ""
     wall: str = ""
     filling: Array | None = None
-    glazed: bool = False
+    pane: float = 0.0
 
 
 def wall_ids(surface: WallSurface) -> tuple[str, ...]:
@@ -68,7 +69,7 @@ def bodies_of(plan: SceneGraph) -> tuple[PlannedElement, ...]:
     return tuple(
         PlannedElement(
             key, _ifc_class(surface), rooms.get(surface.room or "", key), names.get(surface.floor or "", ""), "solid",
-            np.concatenate(bodies[key]), glazed=True,
+            np.concatenate(bodies[key]), pane=PANE if isinstance(surface, WallSurface) else np.inf,
         ) for key, surface in of.items()
     )  # fmt: skip
 

@@ -12,7 +12,7 @@ from ifcopenshell.util.element import get_container
 from numpy.typing import NDArray
 
 from data.ifc.products import IfcProduct, Mesh, open_ifc, products, triangulated
-from data.plans.bodies import Kind, PlannedElement
+from data.plans.bodies import PANE, Kind, PlannedElement
 from data.plans.grid_lines import grid_families, grid_reference
 
 _ONE_AT_A_TIME = Lock()
@@ -45,8 +45,8 @@ def _planned_elements(ifc: Path, mtime_ns: int) -> tuple[PlannedElement, ...]:
 def _element(product: IfcProduct, storeys: dict[str, str], kind: Kind) -> PlannedElement:
     triangles = product.vertices[product.faces]
     storey = storeys.get(product.storey or "", "")
-    glazed = product.ifc_class == "IfcCurtainWall"
-    return PlannedElement(product.global_id, product.ifc_class, product.name, storey, kind, triangles, glazed=glazed)
+    pane = PANE if product.ifc_class == "IfcCurtainWall" else 0.0
+    return PlannedElement(product.global_id, product.ifc_class, product.name, storey, kind, triangles, pane=pane)
 
 
 def _openings(model: ifcopenshell.file, storeys: dict[str, str]) -> Iterator[PlannedElement]:

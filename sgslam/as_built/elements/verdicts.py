@@ -16,7 +16,6 @@ from sgslam.as_built.elements.likelihoods import (
     LEAST_CELLS,
     LEAST_VIEWS,
     NOISE,
-    PANE,
     REACH,
     SPREAD,
     SURE,
@@ -79,9 +78,9 @@ def _solid(
 ) -> Finding:
     """The likelihoods of the sightings of a body, if it stands at its best offset, and if it is absent.
 
-    Rays pass through the panes of what is `glazed`, all that meet one of them together.
+    Rays pass through panes that the plan does not show, all that meet one of them together.
     """
-    glazed, direction = element.glazed, _main_axis(element.triangles)
+    glazed, direction = element.pane > 0, _main_axis(element.triangles)
     mine = mine[np.abs(seen.normal[mine] @ direction) > _PARALLEL]
     count = len(np.unique(seen.view[mine]))
     cells = len(np.unique(seen.cell[mine], axis=0))
@@ -94,7 +93,7 @@ def _solid(
     d = _mode(sign * offset, weight)
     before = offset - sign * d  # what was met, before (+) or behind (-) the surface that stands at d
     at, through = np.abs(before) < 3 * NOISE, before < -BEHIND
-    tells = weight * np.where(through, CELL**2 / PANE, 1.0) if glazed else weight
+    tells = weight * np.where(through, CELL**2 / element.pane, 1.0) if glazed else weight
     stands = float(np.sum(tells * _log_standing(before, GLASS if glazed else THROUGH)))
     absent = float(np.sum(tells * _log_absent(offset)))
     share = float(np.sum(weight * (at | through)) / np.sum(weight))
@@ -165,8 +164,9 @@ def _log_standing(before: Floats, gaps: float) -> Floats:
 
 
 def _log_absent(offset: Floats) -> Floats:
-    """Log-densities (1/m), if nothing stands there: mostly what is behind."""
-    return np.asarray(np.log(np.where(offset < -BEHIND, 1 - BEFORE - SPREAD, BEFORE + SPREAD) / DEPTH))
+    """Log-densities (1/m), if nothing stands there: mostly what is behind, as much before it as if it stood."""
+    elsewhere = np.where(offset > 3 * NOISE, BEFORE, SPREAD)
+    return np.asarray(np.log(np.where(offset < -BEHIND, 1 - BEFORE - SPREAD, elsewhere) / DEPTH))
 
 
 def _could_be_furniture(sign: Floats, d: float) -> bool:

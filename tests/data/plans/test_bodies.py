@@ -71,7 +71,7 @@ def test_openings_and_narrow_frames_beside_them_are_left_out_and_are_gaps(frame:
 def test_sides_of_one_named_wall_are_one_element_and_others_have_their_own() -> None:
     (wall,) = bodies_of(plan(*(replace(side, source="w") for side in (FRONT, BACK))))
     assert (wall.global_id, wall.ifc_class, wall.name, wall.storey) == ("w", "IfcWall", "Office", "Ground")
-    assert wall.glazed and np.ptp(wall.triangles[..., 0]) == pytest.approx(0.2)
+    assert wall.pane and np.ptp(wall.triangles[..., 0]) == pytest.approx(0.2)
     assert [own.global_id for own in bodies_of(plan(FRONT, BACK))] == ["front", "back"]
     split = replace(FRONT, source="w", parts=(("right", -1.5, 0.2, True), ("left", 1.1, 1.5, True)))
     assert [own.global_id for own in bodies_of(plan(split))] == [*wall_ids(split)] == ["right", "left"]
@@ -83,7 +83,7 @@ def test_floors_and_ceilings_are_sheets_with_their_holes() -> None:
     x, y, z, d = (np.array([0.0, 0.1, -1.0, 7.5]) / np.hypot(0.1, 1.0)).tolist()
     ceiling = LevelSurface("ceiling", (x, y, z, d), square, (), "r", "F", "c")
     found = bodies_of(plan(levels=(floor, ceiling, replace(ceiling, id="b", source="b", kind="IfcBeam"))))
-    assert [(own.ifc_class, own.glazed) for own in found] == [(n, False) for n in ("IfcSlab", "IfcCovering", "IfcBeam")]
+    assert [(own.ifc_class, own.pane) for own in found] == [(n, np.inf) for n in ("IfcSlab", "IfcCovering", "IfcBeam")]
     for own, area, height in zip(found, (11.0, 12.0), ((5.0, 5.0), (7.5, 7.8)), strict=False):
         a, b, c = own.triangles[..., :2].transpose(1, 2, 0)
         u, v = b - a, c - a

@@ -11,7 +11,7 @@ from two_rooms_seen import Floats, assessed, box
 
 from data.common.errors import UserError
 from data.geometry.raycast import TriangleScene
-from data.plans.bodies import PlannedElement
+from data.plans.bodies import PANE, PlannedElement
 from sgslam.as_built.elements import ElementVerdict
 from sgslam.as_built.elements.files import PICTURES, picture_of, write_elements
 from sgslam.as_built.elements.rays import View
@@ -103,7 +103,7 @@ def test_what_may_be_of_glass_is_absent_only_where_much_of_it_is_seen_through(
 ) -> None:
     own = replace(ELEMENTS[0], triangles=WALL * [1.0, length / 6.0, 1.0])
     views = views_of(*built, FAR)
-    for expected, planned in (("absent", own), (glazed, replace(own, glazed=True))):
+    for expected, planned in (("absent", own), (glazed, replace(own, pane=PANE))):
         assert assessed([planned], views).elements[0].verdict == expected
 
 
