@@ -117,7 +117,7 @@ def _solid(
         reason = f"{reason}; a sigma of {1000 * sigma:.0f} mm is too large for the tolerance"
     if verdict == "moved" and abs(d) > BEHIND / 2 and _could_be_furniture(sign[at], d):
         verdict, reason, sure = "uncertain", f"{reason}; in front of it on one side only: it may be furniture", False
-    if verdict == "moved" and np.sum(weight * through) > np.sum(weight * at):
+    if (verdict == "moved" or not glazed) and np.sum(weight * through) > np.sum(weight * at):
         verdict, reason, sure = "uncertain", f"{reason}; most of it is seen through", False
     if verdict == "moved" and share < _LEAST_SHARE:
         verdict, reason, sure = "uncertain", f"{reason}; most of what was seen is in front of it", False

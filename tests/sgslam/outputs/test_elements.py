@@ -90,20 +90,20 @@ def test_a_wall_that_no_ray_passes_is_not_absent(nearest: float, furthest: float
 
 
 @pytest.mark.parametrize(
-    ("length", "built", "glazed"),
+    ("length", "built", "opaque", "glazed"),
     [
-        (1.0, [], "uncertain"),  # it may be one pane
-        (6.0, [], "absent"),  # more panes than a wall has
-        (6.0, [QUARTER], "as planned"),  # between windows
-        (3.0, [QUARTER], "uncertain"),  # its end is no moved wall
+        (1.0, [], "absent", "uncertain"),  # it may be one pane
+        (6.0, [], "absent", "absent"),  # more panes than a wall has
+        (6.0, [QUARTER], "uncertain", "as planned"),  # between windows
+        (3.0, [QUARTER], "absent", "uncertain"),  # its end is no moved wall
     ],
 )
 def test_what_may_be_of_glass_is_absent_only_where_much_of_it_is_seen_through(
-    length: float, built: list[Floats], glazed: str
+    length: float, built: list[Floats], opaque: str, glazed: str
 ) -> None:
     own = replace(ELEMENTS[0], triangles=WALL * [1.0, length / 6.0, 1.0])
     views = views_of(*built, FAR)
-    for expected, planned in (("absent", own), (glazed, replace(own, pane=PANE))):
+    for expected, planned in ((opaque, own), (glazed, replace(own, pane=PANE))):
         assert assessed([planned], views).elements[0].verdict == expected
 
 
