@@ -57,11 +57,12 @@ def bodies_of(plan: SceneGraph) -> tuple[PlannedElement, ...]:
     """
     names = {floor.id: floor.name or floor.id for floor in plan.floors}
     rooms = {room.id: room.name or room.id for room in plan.rooms}
+    walls = _Walls(plan)
     bodies: dict[str, list[Array]] = {}
     of: dict[str, WallSurface | LevelSurface] = {}
     for surface in plan.wall_surfaces:
-        for source, first, last in _stretches(surface, plan):
-            bodies.setdefault(source or surface.id, []).append(_box(surface, plan, (first, last)))
+        for source, first, last in walls.stretches(surface):
+            bodies.setdefault(source or surface.id, []).append(walls.box(surface, (first, last)))
             of.setdefault(source or surface.id, surface)
     for level in plan.level_surfaces:
         bodies.setdefault(level.source or level.id, []).append(_sheet(level))
@@ -74,48 +75,74 @@ def bodies_of(plan: SceneGraph) -> tuple[PlannedElement, ...]:
     )  # fmt: skip
 
 
+def gaps_of(plan: SceneGraph) -> Array:
+    """(M, 3, 3) the triangles of the bodies that openings leave out of the walls of a plan that has surfaces alone."""
+    gaps, walls = [np.empty((0, 3, 3))], _Walls(plan)
+    for surface in plan.wall_surfaces:
+        half = (surface.length or 0.0) / 2
+        solid = [(first, last) for _, first, last in walls.stretches(surface)]
+        gaps += [walls.box(surface, gap) for gap in without([(-half, half)], solid)]
+    return np.concatenate(gaps)
+
+
 def _ifc_class(surface: WallSurface | LevelSurface) -> str:
     if isinstance(surface, WallSurface):
         return "IfcWall"
     return surface.kind or ("IfcSlab" if surface.is_floor else "IfcCovering")
 
 
-def gaps_of(plan: SceneGraph) -> Array:
-    """(M, 3, 3) the triangles of the bodies that openings leave out of the walls of a plan that has surfaces alone."""
-    gaps = [np.empty((0, 3, 3))]
-    for surface in plan.wall_surfaces:
+class _Walls:
+    """The surfaces of a plan's walls, and the bodies behind them."""
+
+    def __init__(self, plan: SceneGraph) -> None:
+        self._bottom = {floor.id: floor.elevation or 0.0 for floor in plan.floors}
+        self._centre = np.array([wall.centroid for wall in plan.wall_surfaces]).reshape(-1, 2)
+        self._normal = np.array([wall.normal for wall in plan.wall_surfaces]).reshape(-1, 2)
+        self._half = np.array([(wall.length or 0.0) / 2 for wall in plan.wall_surfaces])
+        self._floor = np.array([wall.floor or "" for wall in plan.wall_surfaces], dtype=object)
+        floor_of = {room.id: room.floor for room in plan.rooms}
+        doors = [(door, {floor_of.get(room) for room in door.rooms}) for door in plan.doors if door.width is not None]
+        self._door = np.array([door.centroid for door, _ in doors]).reshape(-1, 2)
+        self._width = np.array([door.width for door, _ in doors], dtype=float)
+        self._door_floors = [floors for _, floors in doors]
+
+    def stretches(self, surface: WallSurface) -> Iterator[tuple[str, float, float]]:
+        """Where along a surface, as in its parts, a wall reaches from floor to ceiling, with its source; without the
+        doors where there are no parts."""
         half = (surface.length or 0.0) / 2
-        solid = [(first, last) for _, first, last in _stretches(surface, plan)]
-        gaps += [_box(surface, plan, gap) for gap in without([(-half, half)], solid)]
-    return np.concatenate(gaps)
+        cut = [] if surface.parts else self._doors_along(surface, half)
+        for source, first, last, full in surface.parts or ((surface.source, -half, half, True),):
+            for low, high in without([(first, last)], united(cut)):
+                if full and (high - low >= NARROWEST or not (cut or surface.parts)):
+                    yield source, low, high
 
+    def box(self, surface: WallSurface, span: tuple[float, float]) -> Array:
+        """(12, 3, 3) triangles from a stretch of a surface, as in its parts, to the middle of the wall."""
+        low = self._bottom.get(surface.floor or "", 0.0)
+        height = surface.height or (low, low + HEIGHT)
+        n, left = np.array(surface.normal), np.array([-surface.normal[1], surface.normal[0]])
+        front = np.array(surface.centroid) + np.outer(span, left)
+        back = front - self._depth(surface, front.mean(axis=0), (span[1] - span[0]) / 2) * n
+        corners = np.array([[*xy, z] for z in height for xy in (*front, *back)])
+        return np.asarray(corners[_FACES])
 
-def _stretches(surface: WallSurface, plan: SceneGraph) -> Iterator[tuple[str, float, float]]:
-    """Where along a surface, as in its parts, a wall reaches from floor to ceiling, with its source; without doors."""
-    half = (surface.length or 0.0) / 2
-    cut: Intervals = []
-    here = {room.id for room in plan.rooms if room.floor == surface.floor or None in (room.floor, surface.floor)}
-    for door in plan.doors if not surface.parts else ():
-        away = np.subtract(door.centroid, surface.centroid)
-        along = float(away @ [-surface.normal[1], surface.normal[0]])
-        beside = here.intersection(door.rooms)
-        if beside and door.width is not None and abs(away @ surface.normal) < THICKEST / 2 and abs(along) < half:
-            cut.append((along - door.width / 2, along + door.width / 2))
-    for source, first, last, full in surface.parts or ((surface.source, -half, half, True),):
-        for low, high in without([(first, last)], united(cut)):
-            if full and (high - low >= NARROWEST or not (cut or surface.parts)):
-                yield source, low, high
+    def _doors_along(self, surface: WallSurface, half: float) -> Intervals:
+        """What doors in this wall take of the surface; a door in a wall across is further off."""
+        away = self._door - surface.centroid
+        along = away @ np.array([-surface.normal[1], surface.normal[0]])
+        near = (np.abs(away @ np.array(surface.normal)) < THICKEST / 2) & (np.abs(along) < half)
+        own = [k for k in np.flatnonzero(near).tolist() if {surface.floor, None} & self._door_floors[k]]
+        return [(float(along[k] - self._width[k] / 2), float(along[k] + self._width[k] / 2)) for k in own]
 
-
-def _box(surface: WallSurface, plan: SceneGraph, span: tuple[float, float]) -> Array:
-    """(12, 3, 3) triangles from a stretch of a surface, as in its parts, to the middle of the wall."""
-    low = next((floor.elevation for floor in plan.floors if floor.id == surface.floor), None) or 0.0
-    height = surface.height or (low, low + HEIGHT)
-    n, left = np.array(surface.normal), np.array([-surface.normal[1], surface.normal[0]])
-    front = np.array(surface.centroid) + np.outer(span, left)
-    back = front - _depth(surface, front, plan) * n
-    corners = np.array([[*xy, z] for z in height for xy in (*front, *back)])
-    return np.asarray(corners[_FACES])
+    def _depth(self, surface: WallSurface, middle: Array, half: float) -> float:
+        """Metres to the middle of the wall: half of what lies between a stretch about `middle` (2,) and the next
+        surface that faces away behind it."""
+        n = np.array(surface.normal)
+        away = middle - self._centre
+        behind, along = away @ n, away @ np.array([-n[1], n[0]])
+        other = (behind > 0) & (behind < THICKEST) & (self._normal @ n < -PARALLEL)
+        other &= (np.abs(along) < self._half + half) & (self._floor == (surface.floor or ""))
+        return float(behind[other].min()) / 2 if other.any() else SHEET
 
 
 # of a box with the corners front, front, back, back below, and the same above
@@ -123,22 +150,6 @@ _FACES = np.array([
     [0, 1, 5], [0, 5, 4], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 3, 7], [1, 7, 5], [0, 1, 3], [0, 3, 2],
     [4, 5, 7], [4, 7, 6],
 ])  # fmt: skip
-
-
-def _depth(surface: WallSurface, front: Array, plan: SceneGraph) -> float:
-    """Metres to the middle of the wall: half of what lies between a stretch with the ends `front` (2, 2) and the next
-    surface that faces away behind it."""
-    n, middle = np.array(surface.normal), front.mean(axis=0)
-    along = (front[1] - front[0]) / np.linalg.norm(front[1] - front[0])
-    nearest = THICKEST
-    for other in plan.wall_surfaces:
-        behind = float((middle - other.centroid) @ n)
-        if 0 < behind < nearest and other.floor == surface.floor and n @ other.normal < -PARALLEL:
-            reach = np.array(other.ends()) @ along
-            beside = (front @ along)[[0, 1]]
-            if min(reach.max(), beside[1]) > max(reach.min(), beside[0]):
-                nearest = behind
-    return nearest / 2 if nearest < THICKEST else SHEET
 
 
 def _sheet(level: LevelSurface) -> Array:

@@ -37,9 +37,9 @@ class UnplannedEntry:
     """One thing that the plan lacks.
 
     `kind` is `wall-like` for what is upright, thin or tall, and no cupboard before a wall. `id` is that of the mapped
-    surface that shows most of it, or a number; `surfaces` are all that show it, both faces and pieces. `room` and
-    `storey` are the plan's names, empty where it has no room or storey there. `trace` are its two ends in plan view: of
-    a wall on the face that `facing` (x, y), a unit vector, points away from, else of its middle line; `length_m` is
+    surface that shows most of it, or says where it is; `surfaces` are all that show it, both faces and pieces. `room`
+    and `storey` are the plan's names, empty where it has none there. `trace` are its two ends in plan view: of a wall
+    on the face that `facing` (x, y), a unit vector, points away from, else of its middle line; `length_m` is
     their distance. `height_m` is the lowest and the highest z that was seen. All in metres in the BIM frame.
     """
 
