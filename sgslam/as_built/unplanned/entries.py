@@ -25,7 +25,7 @@ _SCREEN = 1.3  # m above the floor; what is lower is no wall, however thin, and 
 _SHORTEST_WALL = 0.75  # m
 _LONG = 1.5  # m, of a wall whose upper part was not in view
 _THIN = 0.25  # m, from face to face of a wall; low things that are thicker are furniture
-_LONGEST_LEAF, _HINGE = 1.3, 1.0  # m: of a door, and from the middle of its opening
+_LONGEST_LEAF, _TALLEST_LEAF, _HINGE = 1.3, 2.4, 1.0  # m: of a door, and from the middle of its opening
 _CUPBOARD = 0.8  # m, deepest thing that stands before a wall
 _LARGE = 0.3  # m, least extent of a thing that is listed
 _LEAST_CELLS = 8  # of a thing that is listed
@@ -88,7 +88,7 @@ def _is_wall(
     """Whether the stretches of one thing are long and tall enough, and not the front of a cupboard or a door's leaf."""
     low, top = min(own.height[0] for own in wall) - bottom, max(own.height[1] for own in wall) - bottom
     along, across = _extent(wall)
-    if along < _SHORTEST_WALL or low > _SCREEN or _is_leaf(wall, along, doors):
+    if along < _SHORTEST_WALL or low > _SCREEN or (top < _TALLEST_LEAF and _is_leaf(wall, along, doors)):
         return False
     if is_two_sided(wall) and across < _THIN:
         return top > _SCREEN

@@ -17,6 +17,7 @@ from commands import refused
 from drives import fed, small_drive
 
 from data.common.errors import UserError
+from data.plans.bim import load_bim
 from data.trajectory import Trajectory
 from sgslam.cli.processes.run_map import map_start
 from sgslam.cli.processes.tracking_side import LogLines
@@ -40,7 +41,7 @@ def building(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_live_run_ends_with_the_files_of_a_run_and_its_odometry_never_jumps(building: Path, tmp_path: Path) -> None:
     """At most five scans may wait, so that here, where they come as fast as they are tracked, tracking waits."""
     drive = small_drive()
-    fed(SceneGraphSlam(drive.bim), drive.scans[:PART]).finish().save(tmp_path / "offline")
+    fed(SceneGraphSlam(load_bim(building)), drive.scans[:PART]).finish().save(tmp_path / "offline")
     answers = []
     with LiveSlam(tmp_path / "live", building, most_waiting=5) as live:
         for stamp_ns, points in drive.scans[:PART]:
