@@ -126,7 +126,7 @@ def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
 
 
 def _furnished(rows: pd.DataFrame) -> "pd.Series[str]":
-    return rows.effects.map(lambda effects: "yes" if set(FURNITURE) <= set(effects) else "no")
+    return rows.effects.map(lambda effects: "yes" if all(name in effects for name in FURNITURE) else "no")
 
 
 def elements_of(rows: pd.DataFrame) -> pd.DataFrame:
