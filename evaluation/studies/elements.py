@@ -105,12 +105,12 @@ ELEMENTS = {
         lambda rows: rows.element.eq("wall") & rows.verdict.ne("not seen") & rows.built.ne("absent"),
     ),
     "absent_walls": Query(
-        {"visible": "absent walls", "furnished": "furnished"},
+        {"visible": "absent walls"},
         {name: _verdict(name, "absent") for name in ("absent", "moved", "uncertain", "not seen")},
         lambda rows: rows.element.eq("wall") & rows.built.eq("absent"),
     ),
     "openings": Query(
-        {"furnished": "furnished", "element": "element"},
+        {"element": "element"},
         OTHERS,
         lambda rows: rows.element.ne("wall") & rows.verdict.ne("not seen"),
     ),
