@@ -69,7 +69,7 @@ def bodies_of(plan: SceneGraph) -> tuple[PlannedElement, ...]:
         of.setdefault(level.source or level.id, level)
     return tuple(
         PlannedElement(
-            key, _ifc_class(surface), rooms.get(surface.room or "", key), names.get(surface.floor or "", ""), "solid",
+            key, _ifc_class(surface), _name(key, rooms.get(surface.room or "")), names.get(surface.floor or "", ""), "solid",
             np.concatenate(bodies[key]), pane=PANE if isinstance(surface, WallSurface) else np.inf,
         ) for key, surface in of.items()
     )  # fmt: skip
@@ -83,6 +83,11 @@ def gaps_of(plan: SceneGraph) -> Array:
         solid = [(first, last) for _, first, last in walls.stretches(surface)]
         gaps += [walls.box(surface, gap) for gap in without([(-half, half)], solid)]
     return np.concatenate(gaps)
+
+
+def _name(key: str, room: str | None) -> str:
+    """The id of an element, after the name of its room."""
+    return key if room is None else f"{room}, {key}"
 
 
 def _ifc_class(surface: WallSurface | LevelSurface) -> str:

@@ -152,7 +152,8 @@ def _between_walls(storey: FlatStorey, floor: Floor) -> SceneGraph:
 
 def _named(surface: WallSurface, id: str, storey: FlatStorey) -> WallSurface:
     known = storey.height is not None
-    return replace(surface, id=id, source="", height=surface.height if known else None)
+    parts = tuple(("", low, high, full) for _, low, high, full in surface.parts)  # it is of no wall in the plan
+    return replace(surface, id=id, source="", height=surface.height if known else None, parts=parts)
 
 
 def doors_of(key: str, openings: Iterable[Area], rooms: Sequence[RoomVolume]) -> Iterable[Door]:

@@ -98,8 +98,10 @@ def _of_surface(
             sigma = verdict.sigma_m or 0.0
             whole = verdict.offset_m * float(np.sign(cosine))
             here = offset(verdict.global_id, piece)
+            off = whole if here is None else here
+            reason = f"{1000 * off:+.0f} mm here; its wall is {verdict.verdict}: {verdict.reason}"
             yield {
-                **own, "s_id": piece.s_id, "kind": "moved", "offset_m": whole if here is None else here,
+                **own, "s_id": piece.s_id, "kind": "moved", "offset_m": off, "reason": reason,
                 "tilt_rad": verdict.turn_rad or 0.0, "sigma_m": sigma,
                 "significant": verdict.verdict == "moved" and abs(verdict.offset_m) > SURE_SIGMAS * sigma,
             }  # fmt: skip

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from data.ifc.bcf import Model, Topic, Version, write_bcf
 from data.scene_graph import SceneGraph
+from sgslam.as_built.elements import SURE_SIGMAS
 
 if TYPE_CHECKING:
     from data.ifc.deviations import ElementFinding, UnplannedWall
@@ -55,14 +56,19 @@ def unplanned_findings(unplanned: Sequence[Entry], a_graph: SceneGraph) -> list[
 def write_topics(
     out: Path, elements: Sequence[Entry], unplanned: Sequence[Entry], a_graph: SceneGraph, model: Model
 ) -> int:
-    """Writes a BCF topic for each moved or absent element and each unplanned wall to the folder `out`, as BCF 2.1 and
-    3.0; returns the number of topics."""
-    topics = [_of_element(own, a_graph) for own in elements if own["verdict"] in ("moved", "absent")]
+    """Writes a BCF topic for each element that is absent or off by more than two sigma, and each unplanned wall, to the
+    folder `out`, as BCF 2.1 and 3.0; returns the number of topics."""
+    topics = [_of_element(own, a_graph) for own in elements if _deviates(own)]
     topics += [_of_unplanned(own) for own in unplanned if own["kind"] == "wall-like"]
     now = datetime.now(UTC)
     for version, name in BCF.items():
         write_bcf(out / name, topics, model, now, version)
     return len(topics)
+
+
+def _deviates(own: Entry) -> bool:
+    moved = own["verdict"] == "moved" and abs(own["offset_m"]) > SURE_SIGMAS * own["sigma_m"]
+    return moved or bool(own["verdict"] == "absent")
 
 
 def remove_topics(out: Path) -> None:

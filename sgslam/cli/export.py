@@ -11,7 +11,7 @@ import argparse
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from data.common.cli import Parser, run_command
 from data.common.errors import UserError
@@ -140,13 +140,20 @@ def _ifc(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
 
     assert bim is not None
     a_graph, _ = run.anchored()
-    findings, unplanned = element_findings(run.elements), unplanned_findings(run.unplanned, a_graph)
+    findings, unplanned = element_findings(_elements(run)), unplanned_findings(run.unplanned, a_graph)
     target = run.path / IFC
     marked = write_as_built(bim, findings, unplanned, target)
     if findings and not marked:
         target.unlink()
         raise UserError(f"{bim}: has none of the elements of {run.path}; give the model of that run")
     return [f"{target}: {marked} elements with the property set AsBuilt, {len(unplanned)} unplanned walls added"]
+
+
+def _elements(run: "RunFolder") -> list[dict[str, Any]]:
+    """The entries of elements.json. Raises UserError where the run has none."""
+    if not run.elements:
+        raise UserError(f"{run.path}: has no elements.json, which an anchored run writes itself; run it again")
+    return run.elements
 
 
 def _bcf(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
@@ -157,7 +164,7 @@ def _bcf(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
     assert bim is not None
     a_graph, _ = run.anchored()
     model = Model(bim.name, project_of(bim))
-    count = write_topics(run.path, run.elements, run.unplanned, a_graph, model)
+    count = write_topics(run.path, _elements(run), run.unplanned, a_graph, model)
     return [f"{run.path / name}: {count} topics, BCF {version}" for version, name in BCF.items()]
 
 

@@ -70,7 +70,7 @@ def test_openings_and_narrow_frames_beside_them_are_left_out_and_are_gaps(frame:
 
 def test_sides_of_one_named_wall_are_one_element_and_others_have_their_own() -> None:
     (wall,) = bodies_of(plan(*(replace(side, source="w") for side in (FRONT, BACK))))
-    assert (wall.global_id, wall.ifc_class, wall.name, wall.storey) == ("w", "IfcWall", "Office", "Ground")
+    assert (wall.global_id, wall.ifc_class, wall.name, wall.storey) == ("w", "IfcWall", "Office, w", "Ground")
     assert wall.pane and np.ptp(wall.triangles[..., 0]) == pytest.approx(0.2)
     assert [own.global_id for own in bodies_of(plan(FRONT, BACK))] == ["front", "back"]
     split = replace(FRONT, source="w", parts=(("right", -1.5, 0.2, True), ("left", 1.1, 1.5, True)))
