@@ -69,8 +69,8 @@ def bodies_of(plan: SceneGraph) -> tuple[PlannedElement, ...]:
         of.setdefault(level.source or level.id, level)
     return tuple(
         PlannedElement(
-            key, _ifc_class(surface), _name(key, rooms.get(surface.room or "")), names.get(surface.floor or "", ""), "solid",
-            np.concatenate(bodies[key]), pane=PANE if isinstance(surface, WallSurface) else np.inf,
+            key, _ifc_class(surface), _name(key, rooms.get(surface.room or "")), names.get(surface.floor or "", ""),
+            "solid", np.concatenate(bodies[key]), pane=PANE if isinstance(surface, WallSurface) else np.inf,
         ) for key, surface in of.items()
     )  # fmt: skip
 
