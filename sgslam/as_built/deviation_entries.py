@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from data.plans.bodies import wall_ids
 from data.scene_graph import SceneGraph, WallSurface, Xy
-from sgslam.as_built.elements import SURE_SIGMAS, ElementVerdict
+from sgslam.as_built.elements import ElementVerdict
+from sgslam.as_built.elements.tolerance_classes import is_off
 from sgslam.as_built.unplanned.entries import UnplannedEntry
 from sgslam.geometry.frames import transform_points
 
@@ -103,7 +104,7 @@ def _of_surface(
             yield {
                 **own, "s_id": piece.s_id, "kind": "moved", "offset_m": off, "reason": reason,
                 "tilt_rad": verdict.turn_rad or 0.0, "sigma_m": sigma,
-                "significant": verdict.verdict == "moved" and abs(verdict.offset_m) > SURE_SIGMAS * sigma,
+                "significant": is_off(verdict.verdict, verdict.offset_m, sigma),
             }  # fmt: skip
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from data.ifc.bcf import Model, Topic, Version, write_bcf
 from data.scene_graph import SceneGraph
-from sgslam.as_built.elements import SURE_SIGMAS
+from sgslam.as_built.elements.tolerance_classes import is_off
 
 if TYPE_CHECKING:
     from data.ifc.deviations import ElementFinding, UnplannedWall
@@ -67,8 +67,7 @@ def write_topics(
 
 
 def _deviates(own: Entry) -> bool:
-    moved = own["verdict"] == "moved" and abs(own["offset_m"]) > SURE_SIGMAS * own["sigma_m"]
-    return moved or bool(own["verdict"] == "absent")
+    return bool(own["verdict"] == "absent") or is_off(own["verdict"], own["offset_m"] or 0.0, own["sigma_m"] or 0.0)
 
 
 def remove_topics(out: Path) -> None:

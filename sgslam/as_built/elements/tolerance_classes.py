@@ -37,6 +37,11 @@ def loa_class(sigma_m: float) -> str:
     return next((name for name, limit in LOA if SURE_SIGMAS * sigma_m <= limit), "LOA10")
 
 
+def is_off(verdict: str, offset_m: float, sigma_m: float) -> bool:
+    """Whether an element was moved by more than the measurement error explains."""
+    return verdict == "moved" and abs(offset_m) > SURE_SIGMAS * sigma_m
+
+
 def angle_limit(length_m: float) -> float:
     """m, the largest deviation of a surface of this length from its planned direction by DIN 18202, table 2."""
     return next((limit for longest, limit in _ANGLE_LIMITS if length_m <= longest), _LONGEST_LIMIT)
