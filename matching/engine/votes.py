@@ -130,7 +130,7 @@ def _yaw_modes(yaw: Array, weight: Array) -> Array:
     while len(modes) < YAW_MODES and smooth.max() >= least:
         peak = float(angle[smooth.argmax()])
         off = se2.wrap(yaw - peak)
-        near = np.abs(off) < 2.5 * YAW_BIN
+        near = np.abs(off) <= 2.5 * YAW_BIN + 1e-9  # rounding must not lose votes at the edge of a bin
         modes.append(peak + np.average(off[near], weights=weight[near]))
         smooth[(angle == peak) | (np.abs(se2.wrap(angle - modes[-1])) <= 4 * YAW_BIN)] = -1.0
     return np.array(modes)

@@ -142,6 +142,8 @@ class MeasuredMotion(Stateful):
     def follow(self, seconds: Floats, knots: Floats, changes: Changes) -> None:
         """Measures the biases by the knots (K, 4, 4) that registration finds, at times (K,): the first one is the last
         one of the call before. `changes` are those at all but the last of them."""
+        if len(seconds) < 2:  # one knot shows no motion
+            return
         second, R, lasted = float(seconds[-1]), knots[-1, :3, :3].copy(), np.diff(seconds)
         velocity = (knots[-1, :3, 3] - knots[-2, :3, 3]) / lasted[-1]
         if not (changes.information > 0).all():
