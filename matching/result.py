@@ -24,6 +24,7 @@ class HypothesisEntry(TypedDict):
     T_a_s: list[float]
     floor: str | None
     rooms: list[list[str]]
+    probability: float | None
 
 
 class MatchesFile(TypedDict):
@@ -53,12 +54,15 @@ class Hypothesis:
         T_a_s: (yaw, x, y) in radians and metres, map frame to BIM frame: p_a = R(yaw) p_s + (x, y).
         floor: Id of the A floor, or None if the A-graph names no floors.
         rooms: Matched rooms as (S id, A id).
+        probability: That this is the map's place; what all lack to 1 is that of none of them. None where the method
+            computes none.
     """
 
     score: float
     T_a_s: tuple[float, float, float]
     floor: str | None
     rooms: tuple[tuple[str, str], ...] = ()
+    probability: float | None = None
 
     @property
     def matrix(self) -> NDArray[np.float64]:

@@ -1,8 +1,8 @@
 """`GeometricMatcher`: places a map by a field of motions, starting from the proposals of any source."""
 
+import functools
 import time
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 
@@ -32,19 +32,20 @@ class GeometricMatcher:
         self._plan = PlanCache(PlanWalls.of)
 
     def match(
-        self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
-    ) -> MatchResult:
+        self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None,
+        partial: bool = False,
+    ) -> MatchResult:  # fmt: skip
         """See `Matcher.match`."""
         began = time.perf_counter()
         plan = self._plan(a) if floor is None else PlanWalls.of(a, floor)
         if not s.wall_surfaces or plan is None:
             return MatchResult("none", f"the {'A' if s.wall_surfaces else 'S'}-graph has no wall surface")
         scene = scene_of(s, plan)
-        allowed = None if start is None else partial(near_start, start)
+        allowed = None if start is None else functools.partial(near_start, start)
 
         found = search(scene, self._propose and self._propose(s, a, scene), allowed)
         if len(found):
-            return answer(found, began)
+            return answer(found, began, partial, start is not None)
         near = "" if start is None else " near the start that was given (its yaw is in radians)"
         reason = f"no wall corner of the map matches one in the plan{near}"
         return MatchResult("none", reason, seconds=time.perf_counter() - began)
@@ -56,23 +57,24 @@ def among(proposals: TopK, plan: PlanWalls) -> TopK:
     return TopK(partner, np.where(partner >= 0, proposals.score, 0.0))
 
 
-def answer(found: Hypotheses, began: float) -> MatchResult:
-    """Returns the result of hypotheses, best first; at least one."""
+def answer(found: Hypotheses, began: float, partial: bool = False, near_start: bool = False) -> MatchResult:
+    """Returns the result of hypotheses, best first; at least one. `partial`, `near_start`: see `verify`."""
     s = found.scene.s
     pairs, of = assign(found, 0), shipped()
     # A room of a map that deforms may lie on its neighbour of the plan: only what is sure is named.
     named = zip(pairs.rooms, of.of_rooms(room_signs(found, pairs.rooms)), strict=True)
     pairs = Pairs(tuple((r, q, known) for (r, q, _), known in named if known >= SURE), pairs.surfaces)
-    verdict = verify(found, pairs)
+    verdict = verify(found, pairs, partial, near_start)
     hypotheses, listed = [], found[np.arange(min(len(found), LISTED))]
     now = judge(found.scene, listed.table, listed.fields.state, SIGMA_SCORE)
     for k, home in enumerate(homes(found.scene, listed.table, now.quality).tolist()):
         storey = found.scene.plan.storeys[int(found.fields.storey[k])]
         matches = [(r, q) for r, q in enumerate(home) if q >= 0] if k else [(r, q) for r, q, _ in pairs.rooms]
         rooms = tuple((s.rooms[r].id, storey.rooms[q].id) for r, q in matches)
-        hypotheses.append(Hypothesis(float(found.score[k]), _triple(found, k), storey.floor, rooms))
+        chance = verdict.probabilities[k]
+        hypotheses.append(Hypothesis(float(found.score[k]), _triple(found, k), storey.floor, rooms, chance))
     a = found.scene.plan.storeys[int(found.fields.storey[0])]
-    sure = verdict.probability
+    sure = verdict.probabilities[0]
     return MatchResult(
         verdict.status, verdict.reason,
         tuple((s.rooms[r].id, a.rooms[q].id, sure * c) for r, q, c in pairs.rooms),

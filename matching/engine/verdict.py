@@ -1,7 +1,8 @@
-"""Decides between unique, ambiguous and none: whether the map is in the plan at all, and whether in one place only.
+"""Decides between unique, ambiguous and none: the posterior of each place, and of being in none of them.
 
 A map of another building also has a best place. Its evidence grows with the plan's size, and the runner-up is close.
-The constants of both probabilities, and of all confidences, are fitted by `python -m matching.training.calibrate`.
+What differs from the plan differs at all places, so differences of evidence count less the more evidence there is.
+The constants of all probabilities are fitted by `python -m matching.training.calibrate`.
 """
 
 import json
@@ -10,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,44 +20,61 @@ from matching.engine.assignment import Pairs
 from matching.engine.field import judge
 from matching.engine.field_loops import SIGMA_SCORE
 from matching.engine.hypotheses import Hypotheses
-from matching.result import Status
+from matching.result import START_M, Status
 
-SURE = 0.98  # probability that the map is in the plan, and that it is in this place, of an answer that is unique
-LEAST_SURFACES = 5  # of the map that have a partner: with fewer, any plan of a few walls would do
-MOST_UNEXPLAINED = 0.5  # of the map's walls, by length: where more is, the plan is not the map's
+SURE = 0.98  # probability of the best place of an answer that is unique
 PLACES_PER_M2 = 40.0  # that a vote can separate: four directions of the grid, a third of a metre
 SHIPPED = Path(__file__).parents[1] / "weights" / "calibration.json"
 MOST_LOG_ODDS = 50.0
 
 
 @dataclass(frozen=True)
-class Calibration:
-    """Models of probabilities; evidence is in nats.
+class PlaceModel:
+    """The posterior of places in a plan; evidence is in nats.
 
     `place` are the coefficients of the log odds that the map is in the plan: of log(1 + evidence / `unit`) of the best
     hypothesis, of the share of the map, by length of walls, that it leaves unexplained, of the logarithm of the
     number of places in the plan, and a constant (J. Platt: Probabilistic outputs for support vector machines, 1999).
-    `separation` (a, b): hypotheses are as likely as a softmax of their evidence over a + b times the number of
-    unexplained walls says: at another place as much may differ from the plan. `room` are the coefficients of the log
-    odds of a room pair at the right place: of its `room_signs`, and a constant. `surface` (offset, slope): those of a
-    surface pair in the log odds of its share among what stood to choose.
+    `separation` (a, b, c): hypotheses are as likely as a softmax of their evidence over a + b times the number of
+    unexplained walls + c times the evidence of the best says: at another place as much may differ from the plan.
     """
 
     place: tuple[float, float, float, float]
     unit: float
-    separation: tuple[float, float]
+    separation: tuple[float, float, float]
+
+    def in_plan(self, signs: "Signs") -> float:
+        """The probability that the map is in the plan."""
+        of, share, number, constant = self.place
+        known = grown(signs.evidence[0], self.unit)
+        return probability(of * known + share * signs.share + number * signs.places + constant)
+
+    def scale(self, signs: "Signs") -> float:
+        """The nats of evidence that count as one between two hypotheses."""
+        a, b, c = self.separation
+        return a + b * signs.unexplained + c * max(signs.evidence[0], 0.0)
+
+    def among(self, signs: "Signs") -> Array:
+        """(K,) the probability of each hypothesis, if one of them is right."""
+        nats = np.array(signs.evidence) / self.scale(signs)
+        likely = np.exp(np.maximum(nats - nats.max(), -MOST_LOG_ODDS))
+        return np.asarray(likely / likely.sum())
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Models of probabilities.
+
+    `plan`: of a whole plan, which may lack walls. `partial`: of a plan that lacks rooms, such as the map of an earlier
+    run. `room` are the coefficients of the log odds of a room pair at the right place: of its `room_signs`, and a
+    constant. `surface` (offset, slope): those of a surface pair in the log odds of its share among what stood to
+    choose.
+    """
+
+    plan: PlaceModel
+    partial: PlaceModel
     room: tuple[float, float, float, float]
     surface: tuple[float, float]
-
-    def in_plan(self, evidence: float, unexplained: float, places: float) -> float:
-        """The probability that the map is in the plan; `places` is the logarithm of their number."""
-        of, share, number, constant = self.place
-        return probability(of * grown(evidence, self.unit) + share * unexplained + number * places + constant)
-
-    def best_of(self, evidence: Sequence[float], unexplained: float) -> float:
-        """The probability that the first hypothesis is the right one, if one of them is."""
-        scale = self.separation[0] + self.separation[1] * unexplained
-        return 1 / sum(math.exp(min((other - evidence[0]) / scale, MOST_LOG_ODDS)) for other in evidence)
 
     def of_rooms(self, signs: Array) -> list[float]:
         """The probabilities of room pairs with `room_signs` (R, 3), given that the place is right."""
@@ -81,17 +100,21 @@ def probability(log_odds: float) -> float:
 def shipped() -> Calibration:
     """The calibration that comes with the package."""
     stored = json.loads(SHIPPED.read_text(encoding="utf-8"))
-    names = ("place", "separation", "room", "surface")
-    return Calibration(unit=stored["unit"], **{name: tuple(stored[name]) for name in names})
+
+    def model(of: dict[str, Any]) -> PlaceModel:
+        return PlaceModel(tuple(of["place"]), of["unit"], tuple(of["separation"]))
+
+    room, surface = tuple(stored["room"]), tuple(stored["surface"])
+    return Calibration(model(stored["plan"]), model(stored["partial"]), room, surface)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """The status with its reason; `probability` is that of the best placement."""
+    """The status with its reason, and the probability (K,) of each hypothesis; what lacks to 1 is that of none."""
 
     status: Status
     reason: str
-    probability: float
+    probabilities: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -106,42 +129,32 @@ class Signs:
     places: float
 
     @staticmethod
-    def of(found: Hypotheses) -> "Signs":
-        """Of at least one hypothesis."""
+    def of(found: Hypotheses, near_start: bool = False) -> "Signs":
+        """Of at least one hypothesis; all are `near_start`, if one was given."""
         s, storeys = found.scene.s, found.scene.plan.storeys
         now = judge(found.scene, found.table[:1], found.fields.state[:1], SIGMA_SCORE)
         share = 1 - float(s.half @ now.quality[0].max(axis=1, initial=0.0) / s.half.sum())
-        places = float(np.log(PLACES_PER_M2 * sum(a.area for a in storeys)))
+        area = sum(a.area for a in storeys)
+        places = float(np.log(PLACES_PER_M2 * (min(area, np.pi * START_M**2) if near_start else area)))
         return Signs(tuple(found.score.tolist()), share, share * len(s), places)
 
 
-def verify(found: Hypotheses, pairs: Pairs) -> Verdict:
-    """Returns the verdict on hypotheses, best first, at least one; `pairs` are the matches of the first."""
-    calibration, signs = shipped(), Signs.of(found)
-    own = matched(pairs, len(found.scene.s))
-    in_plan = calibration.in_plan(signs.evidence[0], signs.share, signs.places)
-    best = calibration.best_of(signs.evidence, signs.unexplained)
-    if signs.share > MOST_UNEXPLAINED:
-        return Verdict("none", _unexplained(signs.share), in_plan * best)
-    if in_plan < SURE or len(pairs.surfaces) < LEAST_SURFACES:
+def verify(found: Hypotheses, pairs: Pairs, partial: bool = False, near_start: bool = False) -> Verdict:
+    """Returns the verdict on hypotheses, best first, at least one; `pairs` are the matches of the first.
+
+    `partial`: the plan may lack rooms. `near_start`: a start was given, and they were looked for only there.
+    """
+    signs, model = Signs.of(found, near_start), shipped().partial if partial else shipped().plan
+    own, in_plan, among = matched(pairs, len(found.scene.s)), model.in_plan(signs), model.among(signs)
+    probabilities = tuple((in_plan * among).tolist())
+    if probabilities[0] >= SURE:
+        return Verdict("unique", f"{own}; no other place explains the map nearly as well", probabilities)
+    if in_plan < SURE:
         reason = f"too little evidence at the best place ({own}): see more rooms"
-        return Verdict("none", reason, in_plan * best)
-    if best < SURE:
-        near = [k for k in range(1, len(found)) if _is_near(calibration, signs, k)] or [1]
-        floors = [str(found.scene.plan.storeys[int(found.fields.storey[k])].floor) for k in (0, *near)]
-        reason = f"{places_named(floors)} explain the map about equally well ({own})"
-        return Verdict("ambiguous", reason, in_plan * best)
-    return Verdict("unique", f"{own}; no other place explains the map nearly as well", in_plan * best)
-
-
-def _is_near(calibration: Calibration, signs: Signs, k: int) -> bool:
-    """Whether the best hypothesis is not sure over this one."""
-    return calibration.best_of((signs.evidence[0], signs.evidence[k]), signs.unexplained) < SURE
-
-
-def _unexplained(share: float) -> str:
-    """The reason where the plan leaves too large a share of the map unexplained."""
-    return f"the plan does not explain the map: not {100 * share:.0f} % of its walls' length, at the best place"
+        return Verdict("none", reason, probabilities)
+    near = [k for k in range(1, len(found)) if among[0] < SURE / (1 - SURE) * among[k]] or [1]
+    floors = [str(found.scene.plan.storeys[int(found.fields.storey[k])].floor) for k in (0, *near)]
+    return Verdict("ambiguous", f"{places_named(floors)} explain the map about equally well ({own})", probabilities)
 
 
 def matched(pairs: Pairs, walls: int) -> str:

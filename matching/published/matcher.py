@@ -54,8 +54,9 @@ class PaperMatcher:
     network: PaperNetwork
 
     def match(
-        self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
-    ) -> MatchResult:
+        self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None,
+        partial: bool = False,
+    ) -> MatchResult:  # fmt: skip
         """See `Matcher.match`. The status is `unique` wherever there is a pair, since the method cannot reject a match.
 
         Confidences are the entries of the soft assignment. The method allows a room to be matched to a wall surface;

@@ -1,47 +1,59 @@
 """`python -m matching.training.calibrate`: fits the verdict and all confidences to maps of known truth.
 
 Maps are drawn from generated plans of the training split and matched by the proposals of `voting`, so that neither
-weights nor files are needed; some are of another plan. The command is deterministic up to the last bits of floating
-point numbers.
+weights nor files are needed. Some are of another plan; some plans lack walls, others rooms. The command is
+deterministic up to the last bits of floating point numbers.
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
 
 from data.common.cli import Parser, run_command
 from data.common.files import write_json
+from data.geometry import se2
 from data.geometry.se2 import Array
+from data.scene_graph import SceneGraph
 from data.synthetic_maps.noise_models import DrawnGraph, draw
-from matching.arrays import PlanCache
 from matching.engine.assignment import Pairs, assign
 from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
 from matching.engine.room_signs import room_signs
-from matching.engine.verdict import SHIPPED, Calibration, Signs, grown
-from matching.training.data import generated, seeds_of
+from matching.engine.verdict import SHIPPED, Calibration, PlaceModel, Signs, grown
+from matching.training.data import Split, generated, seeds_of
 
 KINDS = ("apartment", "office", "corridor", "l_shape", "skewed", "mirrored_twins", "tower")
 NOISE = ("real", "drift", "mis_segmented", "heavy_drift")
 ROOMS = (1, 2, 3, 4, 6, 9, None)
 SEEDS = 90  # of generated plans of each kind
-FOREIGN = 0.4  # share of maps of another plan of the same kind, which is alike in parts
-RIGHT = 0.8  # of a hypothesis' wall pairs, by number, that are true
+REGIMES = {
+    "whole": 0.4,
+    "foreign": 0.25,
+    "thinned": 0.15,
+    "partial": 0.2,
+}  # shares of the maps; another plan of the same
+# kind is alike in parts
+THINNED, PARTIAL = (0.2, 0.6), (0.2, 0.8)  # shares of the walls that a plan lacks, and of the rooms that one has
+OF_PLAN, OF_PARTIAL = ("whole", "foreign", "thinned"), ("partial", "foreign")
+RIGHT = 0.8  # of a hypothesis' wall pairs, by number, that are true, or
+RIGHT_M, RIGHT_RAD = 1.0, float(np.radians(5))  # how near it is to the true place
 COMPARED = 100  # hypotheses of a map whose truth is looked up: a tower has many equal places
 UNIT = 10.0  # nats
-SEPARATION, START = (1.0, 0.1), (0.0, 0.0, 0.0, 0.0)  # where fits begin
+SEPARATION, START = (1.0, 0.1, 0.02), (0.0, 0.0, 0.0, 0.0)  # where fits begin
 APART = 0.9  # probability of the best hypothesis among all: of such maps, those in the plan are fitted
 RIDGE = 1e-4  # of the standardised coefficients
 
 
 @dataclass(frozen=True)
 class Answer:
-    """A map matched: its signs, which of its first hypotheses are right, and of the first one, if it is right, the
-    signs and truth of its pairs of rooms, and the shares and truth of those of surfaces."""
+    """A map of one of `REGIMES` matched: its signs, which of its first hypotheses are right, and of the first one, if
+    it is right, the signs and truth of its pairs of rooms, and the shares and truth of those of surfaces."""
 
+    regime: str
     signs: Signs
     right: tuple[bool, ...]
     rooms: tuple[tuple[list[float], bool], ...]
@@ -57,42 +69,77 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     answers = list(answers_on(options.maps, options.seed))
     command = f"python -m matching.training.calibrate --maps {options.maps} --seed {options.seed}"
-    data = {"plans": f"generated, of the split 'train': {', '.join(KINDS)}", "noise": list(NOISE), "maps": len(answers)}
+    data = {"plans": f"generated, of the split 'train': {', '.join(KINDS)}", "noise": list(NOISE), "regimes": REGIMES}
     write_json(options.out, {"command": command, "data": data, **asdict(fit(answers))})
     print(f"wrote {options.out}")
     return 0
 
 
-def answers_on(count: int, seed: int) -> Iterator[Answer]:
-    """Matches maps of generated plans until `count` of them have a hypothesis."""
-    rng, done, arrays_of, seeds = np.random.default_rng(seed), 0, PlanCache(PlanWalls.of), seeds_of("train", SEEDS)
+def answers_on(count: int, seed: int, split: Split = "train") -> Iterator[Answer]:
+    """Matches maps of generated plans of a split until `count` of them have a hypothesis."""
+    rng, done, seeds = np.random.default_rng(seed), 0, seeds_of(split, SEEDS)
     while done < count:
-        kind = str(rng.choice(KINDS))
+        kind, regime = str(rng.choice(KINDS)), str(rng.choice([*REGIMES], p=[*REGIMES.values()]))
         plan, other = (generated(kind, int(rng.choice(seeds[kind]))).graph for _ in range(2))
-        foreign = rng.random() < FOREIGN
         rooms = ROOMS[int(rng.integers(len(ROOMS)))]
-        drawn = draw(other if foreign else plan, str(rng.choice(NOISE)), rng, rooms)
-        if foreign and other is plan:
+        drawn = draw(other if regime == "foreign" else plan, str(rng.choice(NOISE)), rng, rooms)
+        walls = PlanWalls.of({"thinned": _thinned, "partial": _partial}.get(regime, _whole)(plan, rng))
+        if (regime == "foreign" and other is plan) or walls is None:
             continue
-        walls = arrays_of(plan)
-        assert walls is not None
-        scene = scene_of(drawn.s_graph, walls)
-        found = search(scene)
+        found = search(scene_of(drawn.s_graph, walls))
         if len(found):
             done += 1
-            yield _answer(found, replace(drawn, rooms={}, wall_surfaces={}) if foreign else drawn)
+            yield _answer(found, drawn, regime)
 
 
-def _answer(found: Hypotheses, truth: DrawnGraph) -> Answer:
+def _whole(plan: SceneGraph, rng: np.random.Generator) -> SceneGraph:
+    return plan
+
+
+def _thinned(plan: SceneGraph, rng: np.random.Generator) -> SceneGraph:
+    """The plan without some of its walls."""
+    kept = rng.random(len(plan.wall_surfaces)) >= rng.uniform(*THINNED)
+    return replace(plan, wall_surfaces=tuple(w for w, keep in zip(plan.wall_surfaces, kept, strict=True) if keep))
+
+
+def _partial(plan: SceneGraph, rng: np.random.Generator) -> SceneGraph:
+    """The rooms of the plan that are nearest to one of them."""
+    centre = np.array([room.centroid for room in plan.rooms])
+    near = np.argsort(np.linalg.norm(centre - centre[rng.integers(len(centre))], axis=1))
+    rooms = [plan.rooms[k] for k in near[: max(1, round(rng.uniform(*PARTIAL) * len(near)))]]
+    ids = {room.id for room in rooms}
+    doors = [replace(door, rooms=tuple(r for r in door.rooms if r in ids)) for door in plan.doors]
+    return replace(
+        plan, rooms=tuple(rooms), wall_surfaces=tuple(w for w in plan.wall_surfaces if w.room in ids),
+        doors=tuple(door for door in doors if door.rooms),
+    )  # fmt: skip
+
+
+def _answer(found: Hypotheses, truth: DrawnGraph, regime: str) -> Answer:
+    if regime == "foreign":
+        return Answer(regime, Signs.of(found), (False,) * len(found), (), ())
     pairs = [assign(found, k) for k in range(min(len(found), COMPARED))]
     told = [_surfaces(found, k, pairs[k], truth) for k in range(len(pairs))]
-    right = tuple(sum(true for _, true in walls) > RIGHT * len(walls) for walls in told)
-    if not right[0]:
-        return Answer(Signs.of(found), right, (), ())
+    near = _is_near(found, truth)
+    right = tuple(
+        near[k] or (len(walls) > 0 and sum(true for _, true in walls) > RIGHT * len(walls))
+        for k, walls in enumerate(told)
+    )
+    if not right[0] or regime != "whole":
+        return Answer(regime, Signs.of(found), right, (), ())
     s, a = found.scene.s, found.scene.plan.storeys[int(found.fields.storey[0])]
     true = [truth.rooms.get(s.rooms[r].id) == a.rooms[q].id for r, q, _ in pairs[0].rooms]
     signs = room_signs(found, pairs[0].rooms).tolist()
-    return Answer(Signs.of(found), right, tuple(zip(signs, true, strict=True)), told[0])
+    return Answer(regime, Signs.of(found), right, tuple(zip(signs, true, strict=True)), told[0])
+
+
+def _is_near(found: Hypotheses, truth: DrawnGraph) -> list[bool]:
+    """Whether each hypothesis is near the true place; of a map that deforms many walls may be a neighbour's."""
+    middle, true = np.array(truth.s_graph.centroid()), np.array(truth.T_a_s)
+    off = np.linalg.norm(se2.apply(found.between_graphs, middle) - se2.apply(true, middle), axis=-1)
+    turn = np.abs(se2.wrap(found.between_graphs[:, 0] - true[0]))
+    floors = [found.scene.plan.storeys[int(k)].floor == truth.floor for k in found.fields.storey]
+    return [bool(near) for near in (off < RIGHT_M) & (turn < RIGHT_RAD) & np.array(floors)]
 
 
 def _surfaces(found: Hypotheses, k: int, pairs: Pairs, truth: DrawnGraph) -> tuple[tuple[float, bool], ...]:
@@ -103,27 +150,36 @@ def _surfaces(found: Hypotheses, k: int, pairs: Pairs, truth: DrawnGraph) -> tup
 
 def fit(answers: Sequence[Answer]) -> Calibration:
     """Fits all models by maximum likelihood."""
+    plan, partial = (
+        _place_model([answer for answer in answers if answer.regime in regimes]) for regimes in (OF_PLAN, OF_PARTIAL)
+    )
+    rooms = [pair for a in answers for pair in a.rooms]
+    room = _logistic(np.array([signs for signs, _ in rooms]), np.array([true for _, true in rooms]))
+    return Calibration(plan, partial, _rounded(room), _rounded(_of_shares([p for a in answers for p in a.surfaces])))
+
+
+def _place_model(answers: Sequence[Answer]) -> PlaceModel:
     found = [a for a in answers if any(a.right)]
 
     def loss(scale: Array) -> float:
-        return float(np.mean([_surprise(a, *np.exp(scale)) for a in found]))
+        return float(np.mean([_surprise(a, np.exp(scale)) for a in found]))
 
     separation = np.exp(minimize(loss, np.log(SEPARATION), method="Nelder-Mead").x)
-    begun = Calibration(START, UNIT, (float(separation[0]), float(separation[1])), START, START[:2])
-    apart = [a for a in answers if begun.best_of(a.signs.evidence, a.signs.unexplained) > APART]
+    begun = PlaceModel(START, UNIT, _rounded(separation))
+    apart = [a for a in answers if begun.among(a.signs)[0] > APART]
     signs = [(grown(a.signs.evidence[0], UNIT), a.signs.share, a.signs.places) for a in apart]
-    place = _logistic(np.array(signs), np.array([a.right[0] for a in apart]))
-    rooms = [pair for a in answers for pair in a.rooms]
-    room = _logistic(np.array([signs for signs, _ in rooms]), np.array([true for _, true in rooms]))
-    surface = _of_shares([pair for a in answers for pair in a.surfaces])
-    rounded = [tuple(round(float(x), 4) for x in of) for of in (place, separation, room, surface)]
-    return Calibration(rounded[0], UNIT, *rounded[1:])  # type: ignore[arg-type]
+    return replace(begun, place=_rounded(_logistic(np.array(signs), np.array([a.right[0] for a in apart]))))
 
 
-def _surprise(answer: Answer, a: float, b: float) -> float:
+def _surprise(answer: Answer, separation: Array) -> float:
     """Minus the logarithm of the probability of the right hypotheses."""
-    evidence = np.array(answer.signs.evidence[: len(answer.right)]) / (a + b * answer.signs.unexplained)
+    scale = PlaceModel(START, UNIT, tuple(separation.tolist())).scale(answer.signs)
+    evidence = np.array(answer.signs.evidence[: len(answer.right)]) / scale
     return float(np.logaddexp.reduce(evidence) - np.logaddexp.reduce(evidence[np.array(answer.right)]))
+
+
+def _rounded(of: Array) -> Any:
+    return tuple(round(float(x), 4) for x in of)
 
 
 def _of_shares(pairs: Sequence[tuple[float, bool]]) -> Array:

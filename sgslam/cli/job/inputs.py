@@ -25,11 +25,11 @@ class MatcherWithStart:
     def __init__(self, matcher: Any, start: Start | None) -> None:
         self._matcher, self.start = matcher, start
 
-    def match(self, s: SceneGraph, a: SceneGraph) -> Any:
+    def match(self, s: SceneGraph, a: SceneGraph, **known: Any) -> Any:
         if self.start is None:
-            return self._matcher.match(s, a)
+            return self._matcher.match(s, a, **known)
         x, y, yaw = self.start
-        return self._matcher.match(s, a, start=(yaw, x, y))
+        return self._matcher.match(s, a, start=(yaw, x, y), **known)
 
 
 @dataclass(frozen=True, eq=False)
