@@ -37,7 +37,7 @@ def known(deviations: Array, anchored: NDArray[np.bool_], cause: int | NDArray[n
     n, why = len(deviations), np.broadcast_to(cause, len(deviations))
     health: Any = tuple("lost" if c == 1 else "good" for c in why)
     return ScanUncertainty(
-        np.arange(n), deviations, (why == 2).astype(np.int64), ("",) * n, 1.0 * anchored, anchored, health
+        np.arange(n), deviations, (why == 2).astype(np.int64), ("",) * n, anchored.astype(float), anchored, health
     )
 
 
