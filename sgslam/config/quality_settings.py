@@ -20,9 +20,12 @@ class QualitySettings(Settings):
     walls_per_keyframe: float = Field(3.0, ge=0)
     """minimum mean number of walls that a keyframe sees; 5 to 13 in sound maps, 0.3 to 2 in lost ones"""
     anchored_position: float = Field(0.5, gt=0)
-    """m, maximum position error of an anchored scan along each axis, at 95 % probability; enough to tell the room"""
+    """m, maximum position error of an anchored scan along each axis; enough to tell the room"""
     anchored_attitude: float = Field(5.0, gt=0)
-    """degrees, maximum attitude error of an anchored scan about each axis, at 95 % probability"""
+    """degrees, maximum attitude error of an anchored scan about each axis"""
+    anchored_probability: float = Field(0.99, gt=0, lt=1)
+    """minimum probability that all errors of an anchored scan are within these limits, a conformance probability as
+    JCGM 106:2012 defines it; of scans at the minimum, one in a hundred is off by more"""
     position_sigma: float = Field(0.2, gt=0)
     """m, maximum of the 95 % quantile of the positions' standard deviations"""
     plan_tilt: float = Field(1.0, gt=0)

@@ -121,7 +121,7 @@ def _judged(
     own = _uncertainty(final, run, known, T_bim_map, config)
     reason, refused = NO_PLAN if anchoring is None else anchoring.reason, None
     if T_bim_map is not None and not own.anchored.any():
-        T_bim_map, refused = None, why_none_is_anchored(own, config.quality)
+        T_bim_map, refused = None, why_none_is_anchored(own, config.quality, place=1.0)
         own = _uncertainty(final, run, known, None, config)
     quality = _quality(final, run, own, T_bim_map, standing, config)
     if wrong := contradiction(quality):
@@ -137,7 +137,7 @@ def _uncertainty(
     R_frame_map = np.eye(3) if T_bim_map is None else T_bim_map[:3, :3]
     newest = slice(run.begin, len(final.scans))
     return scan_uncertainty(
-        final.scans, newest, final.backend, known, R_frame_map, config, 0, T_bim_map is not None
+        final.scans, newest, final.backend, known, R_frame_map, config, 0, float(T_bim_map is not None)
     )  # fmt: skip
 
 
@@ -180,7 +180,7 @@ def _apart(unplaced: list[PriorMap], config: Config) -> list[ScanUncertainty]:
     """The scans of the submaps that were not relocalised, each in its own frame."""
     return [
         scan_uncertainty(
-            part.scans, slice(None), part.backend, part.backend.uncertainty(), np.eye(3), config, number, False
+            part.scans, slice(None), part.backend, part.backend.uncertainty(), np.eye(3), config, number, 0.0
         )
         for number, part in enumerate(unplaced, 1)
     ]  # fmt: skip

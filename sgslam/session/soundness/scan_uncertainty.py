@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import erf
 
 from data.common.files import write_atomically
 from data.trajectory.stamps import ns_to_seconds
@@ -17,10 +18,11 @@ from sgslam.types import Health
 Floats = NDArray[np.float64]
 FILE = "trajectory_sigma.csv"
 _OWN = (1.5 / 6.0) ** 2  # share of a tracked pose's variance that is its own: of 6 median residuals, noise explains 1.5
-_NORMAL_95 = 1.96  # standard deviations within which 95 % of a normal distribution's values lie
+_MOST_SCANS = 0.95  # share of the scans that advice is to anchor
 _MOST = 100  # keyframes whose covariance is computed; between them it is interpolated
 _HEADER = (
-    "stamp_s,sigma_x_m,sigma_y_m,sigma_z_m,sigma_roll_deg,sigma_pitch_deg,sigma_yaw_deg,part,floor,anchored,health"
+    "stamp_s,sigma_x_m,sigma_y_m,sigma_z_m,sigma_roll_deg,sigma_pitch_deg,sigma_yaw_deg,part,floor,probability,"
+    "anchored,health"
 )
 
 
@@ -31,14 +33,16 @@ class ScanUncertainty:
     `sigma` (N, 6): standard deviations along x, y, z (m) and about x, y, z (rad) in the trajectory's frame; NaN where
     they are unknown, as in a part whose scans are all lost. `part` (N,): 0 for the map, then a number for each submap
     that was not relocalised, whose sigmas are in its own frame. `floor`: ids of the S-graph's floors, empty between two
-    floors. `anchored` (N,): whether the pose is anchored to the building; false for lost scans and for poses that are
-    too uncertain.
+    floors. `probability` (N,): that the map's place in the building is right, and the pose's errors along and about all
+    axes are within the limits of the settings `quality`; 0 for lost scans and where the map has no place. `anchored`
+    (N,): whether that is as probable as the settings demand.
     """
 
     stamps_ns: NDArray[np.int64]
     sigma: Floats
     part: NDArray[np.int64]
     floor: tuple[str, ...]
+    probability: Floats
     anchored: NDArray[np.bool_]
     health: tuple[Health, ...]
 
@@ -51,6 +55,7 @@ class ScanUncertainty:
         return ScanUncertainty(
             stamps[order], np.concatenate([part.sigma for part in parts])[order],
             np.concatenate([part.part for part in parts])[order], tuple(floors[k] for k in order),
+            np.concatenate([part.probability for part in parts])[order],
             np.concatenate([part.anchored for part in parts])[order], tuple(health[k] for k in order),
         )  # fmt: skip
 
@@ -62,20 +67,21 @@ class ScanUncertainty:
     def write_csv(self, path: Path) -> None:
         """Writes the file `trajectory_sigma.csv`; angles in degrees."""
         values = np.hstack([self.sigma[:, :3], np.degrees(self.sigma[:, 3:])])
-        told = zip(self.stamps_ns, values, self.part, self.floor, self.anchored, self.health, strict=True)
+        judged = [f"{p:.4f},{anchored:d}" for p, anchored in zip(self.probability, self.anchored, strict=True)]
+        told = zip(self.stamps_ns, values, self.part, self.floor, judged, self.health, strict=True)
         lines = [
-            ",".join([ns_to_seconds(int(stamp)), *(f"{v:.5g}" for v in own), str(part), floor, f"{anchored:d}", health])
-            for stamp, own, part, floor, anchored, health in told
+            ",".join([ns_to_seconds(int(stamp)), *(f"{v:.5g}" for v in own), *map(str, others)])
+            for stamp, own, *others in told
         ]
         write_atomically(path, "\n".join([_HEADER, *lines, ""]))
 
 
 def scan_uncertainty(
     scans: list[ScanPose], run: slice, backend: Backend, uncertainty: Uncertainty | None, R_frame_map: Floats,
-    config: Config, part: int, placed: bool,
+    config: Config, part: int, place: float,
 ) -> ScanUncertainty:  # fmt: skip
-    """The lines of a map's `run`, a slice of its scans, whose poses are in a frame turned by (3, 3); of a map that is
-    `placed` in the building, some are anchored.
+    """The lines of a map's `run`, a slice of its scans, whose poses are in a frame turned by (3, 3). `place`: the
+    probability that the map's place in the building is right; 0 without a place.
 
     A pose is as uncertain as the keyframes around it, what it was tracked worse than the one before, its own noise, and
     what a step between the two errs on the way: a Brownian bridge.
@@ -87,11 +93,21 @@ def scan_uncertainty(
     sigma, is_lost = np.full((len(own), 6), np.nan), np.array([scan.health == "lost" for scan in own])
     if uncertainty is not None and not is_lost.all():
         sigma[:] = np.sqrt(_variances(scans, own, backend, uncertainty, R_frame_map, config.odometry))
+    probability = place * ~is_lost * probability_within(sigma, _limits(config.quality))
     return ScanUncertainty(
         stamps, sigma, np.full(len(own), part), tuple("" if floor is None else f"floor-{floor}" for floor in floors),
-        placed & ~is_lost & np.all(_NORMAL_95 * sigma <= _limits(config.quality), axis=1),
-        tuple(scan.health for scan in own),
+        probability, probability >= config.quality.anchored_probability, tuple(scan.health for scan in own),
     )  # fmt: skip
+
+
+def probability_within(sigma: Floats, limits: Floats) -> Floats:
+    """(N,) the probability that all six errors, normal with `sigma` (N, 6), are within their `limits` (6,) at once; 0
+    where a sigma is NaN.
+
+    It is exact for independent errors and a lower bound for correlated ones (Sidak, "Rectangular confidence regions for
+    the means of multivariate normal distributions", J. Am. Stat. Assoc. 62, 1967).
+    """
+    return np.nan_to_num(np.prod(erf(limits / (np.sqrt(2) * sigma)), axis=1))
 
 
 def what_is_not_anchored(told: ScanUncertainty) -> str:
@@ -107,26 +123,34 @@ def what_is_not_anchored(told: ScanUncertainty) -> str:
 
 
 def _limits(settings: QualitySettings) -> Floats:
-    """(6,) the errors (m, rad) that anchored poses have at most, with 95 %."""
+    """(6,) the errors (m, rad) that anchored poses have at most, with the probability of the settings."""
     return np.repeat([settings.anchored_position, np.radians(settings.anchored_attitude)], 3)
 
 
-def why_none_is_anchored(own: ScanUncertainty, settings: QualitySettings) -> str:
-    """One line, of a map that fits the plan at one place."""
+def why_none_is_anchored(own: ScanUncertainty, settings: QualitySettings, place: float) -> str:
+    """One line, of a map that fits the plan at one place, which is right with the probability `place`. With the
+    settings that it names, 95 % of the scans that are not lost are anchored."""
     known = own.sigma[[health != "lost" for health in own.health]]
     if not len(known):
         return "the map fits the plan, but every scan is lost"
-    sigma = np.quantile(known, 0.95, axis=0)
-    if np.isnan(sigma).any():
+    sigma = np.quantile(known, _MOST_SCANS, axis=0)
+    if not np.isfinite(sigma).all():
         return "the map fits the plan, but the uncertainty of its poses cannot be computed"
-    worst = int(np.argmax(sigma / _limits(settings)))
+    least, limits, accepting = settings.anchored_probability, _limits(settings), {}
+    worst = int(np.argmax(sigma / limits))
     what = ("position along x", "position along y", "height", "roll", "pitch", "heading")[worst]
-    name, unit = ("anchored_position", "m") if worst < 3 else ("anchored_attitude", "degrees")
-    value = sigma[worst] if worst < 3 else np.degrees(sigma[worst])
-    return (
-        f"the map fits the plan, but its {what} is too uncertain: the standard deviation is {value:.2f} {unit}; "
-        f"--set quality.{name}={np.ceil(20 * value) / 10} accepts that"
-    )
+    known_to = f"{sigma[worst]:.2f} m" if worst < 3 else f"{np.degrees(sigma[worst]):.2f} degrees"
+    why = f"its {what} is too uncertain: the standard deviation is {known_to}"
+    if place < least:
+        why = f"the probability that its place is right is {place:.3g}"
+        accepting["anchored_probability"] = least = float(f"{0.98 * place:.3g}")
+    while np.mean(place * probability_within(known, limits) >= least) < _MOST_SCANS:
+        group = int(np.argmax(sigma / limits)) // 3
+        limits[3 * group : 3 * group + 3] *= 1.1  # until they suffice
+        name, limit = (("anchored_position", limits[0]), ("anchored_attitude", np.degrees(limits[3])))[group]
+        accepting[name] = float(np.ceil(10 * limit) / 10)
+    advice = " ".join(f"--set quality.{name}={value}" for name, value in accepting.items())
+    return f"the map fits the plan, but {why}; {advice} accepts that"
 
 
 def _variances(

@@ -36,7 +36,9 @@ def known(deviations: Array, anchored: NDArray[np.bool_], cause: int | NDArray[n
     """`cause` why a scan is not anchored: 1 it is lost, 2 it is in another part."""
     n, why = len(deviations), np.broadcast_to(cause, len(deviations))
     health: Any = tuple("lost" if c == 1 else "good" for c in why)
-    return ScanUncertainty(np.arange(n), deviations, (why == 2).astype(np.int64), ("",) * n, anchored, health)
+    return ScanUncertainty(
+        np.arange(n), deviations, (why == 2).astype(np.int64), ("",) * n, anchored.astype(float), anchored, health
+    )
 
 
 def judged(

@@ -149,11 +149,12 @@ def run_with(**limits: float) -> Result:
 @pytest.mark.slow
 def test_a_scan_that_is_not_known_well_enough_is_not_anchored(anchored: Result) -> None:
     assert anchored.uncertainty.anchored.all()
-    position = 1.96 * float(np.median(anchored.uncertainty.sigma[:150, :3].max(axis=1)))
+    position = 2.7 * float(np.median(anchored.uncertainty.sigma[:150, :3].max(axis=1)))
     result = run_with(anchored_position=position)
-    known = (1.96 * result.uncertainty.sigma[:, :3] <= position).all(axis=1)
+    known, worst = result.uncertainty.anchored, result.uncertainty.sigma[:, :3].max(axis=1) / position
     assert 0.2 < known.mean() < 0.8
-    assert result.uncertainty.anchored.tolist() == known.tolist()
+    assert not known[worst > 1 / 2.57].any()  # 99 % of one axis
+    assert known[worst < 1 / 2.94].all()  # 99 % of three independent ones
     assert result.anchored and len(result.trajectory) == known.sum()
     assert result.trajectory.stamps_ns.tolist() == result.trajectory_map.stamps_ns[known].tolist()
     assert result.metrics()["anchored_share"] == pytest.approx(known.mean())
@@ -164,7 +165,9 @@ def test_a_run_with_no_scan_that_is_known_is_not_anchored_and_says_what_is_unkno
     result = run_with(anchored_attitude=1e-4)
     assert not result.anchored and result.T_bim_map is None and not result.uncertainty.anchored.any()
     assert len(result.trajectory) == len(result.trajectory_map)
-    assert re.search("its (pitch|roll|heading) is too uncertain.*--set quality.anchored_attitude=", result.reason)
+    advised = re.search(r"its (?:pitch|roll|heading) is.*--set quality.anchored_attitude=(\S+)", result.reason)
+    assert advised is not None
+    assert run_with(anchored_attitude=float(advised[1])).uncertainty.anchored.mean() >= 0.95
 
 
 @pytest.mark.slow
