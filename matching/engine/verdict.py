@@ -49,14 +49,14 @@ class PlaceModel:
         known = grown(signs.evidence[0], self.unit)
         return probability(of * known + share * signs.share + number * signs.places + constant)
 
-    def scale(self, signs: "Signs") -> float:
-        """The nats of evidence that count as one between two hypotheses."""
+    def temperature(self, signs: "Signs") -> float:
+        """The nats of evidence that make one hypothesis e times as likely as another."""
         a, b, c = self.separation
         return a + b * signs.unexplained + c * max(signs.evidence[0], 0.0)
 
     def among(self, signs: "Signs") -> Array:
         """(K,) the probability of each hypothesis, if one of them is right."""
-        nats = np.array(signs.evidence) / self.scale(signs)
+        nats = np.array(signs.evidence) / self.temperature(signs)
         likely = np.exp(np.maximum(nats - nats.max(), -MOST_LOG_ODDS))
         return np.asarray(likely / likely.sum())
 
@@ -110,11 +110,13 @@ def shipped() -> Calibration:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The status with its reason, and the probability (K,) of each hypothesis; what lacks to 1 is that of none."""
+    """The status with its reason; the probability (K,) of each hypothesis, which lack to 1 that of none; the nats of
+    evidence that make one hypothesis e times as likely as another."""
 
     status: Status
     reason: str
     probabilities: tuple[float, ...]
+    temperature: float
 
 
 @dataclass(frozen=True)
@@ -146,15 +148,16 @@ def verify(found: Hypotheses, pairs: Pairs, partial: bool = False, near_start: b
     """
     signs, model = Signs.of(found, near_start), shipped().partial if partial else shipped().plan
     own, in_plan, among = matched(pairs, len(found.scene.s)), model.in_plan(signs), model.among(signs)
-    probabilities = tuple((in_plan * among).tolist())
+    probabilities, scale = tuple((in_plan * among).tolist()), model.temperature(signs)
     if probabilities[0] >= SURE:
-        return Verdict("unique", f"{own}; no other place explains the map nearly as well", probabilities)
+        return Verdict("unique", f"{own}; no other place explains the map nearly as well", probabilities, scale)
     if in_plan < SURE:
         reason = f"too little evidence at the best place ({own}): see more rooms"
-        return Verdict("none", reason, probabilities)
+        return Verdict("none", reason, probabilities, scale)
     near = [k for k in range(1, len(found)) if among[0] < SURE / (1 - SURE) * among[k]] or [1]
     floors = [str(found.scene.plan.storeys[int(found.fields.storey[k])].floor) for k in (0, *near)]
-    return Verdict("ambiguous", f"{places_named(floors)} explain the map about equally well ({own})", probabilities)
+    reason = f"{places_named(floors)} explain the map about equally well ({own})"
+    return Verdict("ambiguous", reason, probabilities, scale)
 
 
 def matched(pairs: Pairs, walls: int) -> str:

@@ -173,7 +173,7 @@ def _place_model(answers: Sequence[Answer]) -> PlaceModel:
 
 def _surprise(answer: Answer, separation: Array) -> float:
     """Minus the logarithm of the probability of the right hypotheses."""
-    scale = PlaceModel(START, UNIT, tuple(separation.tolist())).scale(answer.signs)
+    scale = PlaceModel(START, UNIT, tuple(separation.tolist())).temperature(answer.signs)
     evidence = np.array(answer.signs.evidence[: len(answer.right)]) / scale
     return float(np.logaddexp.reduce(evidence) - np.logaddexp.reduce(evidence[np.array(answer.right)]))
 
