@@ -42,7 +42,6 @@ class MatchesFile(TypedDict):
     floor: str | None
     hypotheses: list[HypothesisEntry]
     seconds: float
-    temperature: float | None
     floors: NotRequired[dict[str, str | None]]
 
 
@@ -91,8 +90,6 @@ class MatchResult:
         hypotheses: Distinct placements, best first. Two are distinct if they differ in floor, by more than 0.5 m at the
             S-graph's centroid, or by more than 5 degrees.
         seconds: Computation time. Results are compared without it.
-        temperature: The nats by which the score of one hypothesis must exceed that of another to be e times as
-            likely. None where the method computes no probabilities.
     """
 
     status: Status
@@ -103,7 +100,6 @@ class MatchResult:
     floor: str | None = None
     hypotheses: tuple[Hypothesis, ...] = ()
     seconds: float = field(default=0.0, compare=False)
-    temperature: float | None = None
 
     @property
     def matrix(self) -> NDArray[np.float64] | None:

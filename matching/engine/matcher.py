@@ -80,7 +80,7 @@ def answer(found: Hypotheses, began: float, partial: bool = False, near_start: b
         tuple((s.rooms[r].id, a.rooms[q].id, sure * c) for r, q, c in pairs.rooms),
         tuple((s.ids[i], a.ids[j], sure * of.of_surface(c)) for i, j, c in pairs.surfaces),
         None if verdict.status == "none" else _triple(found, 0), a.floor, tuple(hypotheses),
-        time.perf_counter() - began, verdict.temperature,
+        time.perf_counter() - began,
     )  # fmt: skip
 
 

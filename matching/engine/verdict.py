@@ -33,8 +33,8 @@ class PlaceModel:
     """The posterior of places in a plan; evidence is in nats.
 
     `place` are the coefficients of the log odds that the map is in the plan: of log(1 + evidence / `unit`) of the best
-    hypothesis, of the share of the map, by length of walls, that it leaves unexplained, of the logarithm of the
-    number of places in the plan, and a constant (J. Platt: Probabilistic outputs for support vector machines, 1999).
+    hypothesis, of the logarithms of the number of the map's walls and of the number of places in the plan, and a
+    constant (J. Platt: Probabilistic outputs for support vector machines, 1999).
     `separation` (a, b, c): hypotheses are as likely as a softmax of their evidence over a + b times the number of
     unexplained walls + c times the evidence of the best says: at another place as much may differ from the plan.
     """
@@ -45,9 +45,9 @@ class PlaceModel:
 
     def in_plan(self, signs: "Signs") -> float:
         """The probability that the map is in the plan."""
-        of, share, number, constant = self.place
+        of, walls, places, constant = self.place
         known = grown(signs.evidence[0], self.unit)
-        return probability(of * known + share * signs.share + number * signs.places + constant)
+        return probability(of * known + walls * signs.walls + places * signs.places + constant)
 
     def temperature(self, signs: "Signs") -> float:
         """The nats of evidence that make one hypothesis e times as likely as another."""
@@ -110,24 +110,21 @@ def shipped() -> Calibration:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The status with its reason; the probability (K,) of each hypothesis, which lack to 1 that of none; the nats of
-    evidence that make one hypothesis e times as likely as another."""
+    """The status with its reason, and the probability (K,) of each hypothesis; what lacks to 1 is that of none."""
 
     status: Status
     reason: str
     probabilities: tuple[float, ...]
-    temperature: float
 
 
 @dataclass(frozen=True)
 class Signs:
-    """What the verdict is based on: evidence (K,) in nats of the hypotheses, best first; the share of the map's walls,
-    by length, that the first does not explain, and how many walls that is; the logarithm of the number of places in
-    the plan."""
+    """What the verdict is based on: evidence (K,) in nats of the hypotheses, best first; how many of the map's walls
+    the first does not explain; the logarithms of the numbers of the map's walls and of places in the plan."""
 
     evidence: tuple[float, ...]
-    share: float
     unexplained: float
+    walls: float
     places: float
 
     @staticmethod
@@ -138,7 +135,7 @@ class Signs:
         share = 1 - float(s.half @ now.quality[0].max(axis=1, initial=0.0) / s.half.sum())
         area = sum(a.area for a in storeys)
         places = float(np.log(PLACES_PER_M2 * (min(area, np.pi * START_M**2) if near_start else area)))
-        return Signs(tuple(found.score.tolist()), share, share * len(s), places)
+        return Signs(tuple(found.score.tolist()), share * len(s), float(np.log(len(s))), places)
 
 
 def verify(found: Hypotheses, pairs: Pairs, partial: bool = False, near_start: bool = False) -> Verdict:
@@ -148,16 +145,16 @@ def verify(found: Hypotheses, pairs: Pairs, partial: bool = False, near_start: b
     """
     signs, model = Signs.of(found, near_start), shipped().partial if partial else shipped().plan
     own, in_plan, among = matched(pairs, len(found.scene.s)), model.in_plan(signs), model.among(signs)
-    probabilities, scale = tuple((in_plan * among).tolist()), model.temperature(signs)
+    probabilities = tuple((in_plan * among).tolist())
     if probabilities[0] >= SURE:
-        return Verdict("unique", f"{own}; no other place explains the map nearly as well", probabilities, scale)
+        return Verdict("unique", f"{own}; no other place explains the map nearly as well", probabilities)
     if in_plan < SURE:
         reason = f"too little evidence at the best place ({own}): see more rooms"
-        return Verdict("none", reason, probabilities, scale)
+        return Verdict("none", reason, probabilities)
     near = [k for k in range(1, len(found)) if among[0] < SURE / (1 - SURE) * among[k]] or [1]
     floors = [str(found.scene.plan.storeys[int(found.fields.storey[k])].floor) for k in (0, *near)]
     reason = f"{places_named(floors)} explain the map about equally well ({own})"
-    return Verdict("ambiguous", reason, probabilities, scale)
+    return Verdict("ambiguous", reason, probabilities)
 
 
 def matched(pairs: Pairs, walls: int) -> str:

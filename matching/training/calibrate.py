@@ -167,7 +167,7 @@ def _place_model(answers: Sequence[Answer]) -> PlaceModel:
     separation = np.exp(minimize(loss, np.log(SEPARATION), method="Nelder-Mead").x)
     begun = PlaceModel(START, UNIT, _rounded(separation))
     apart = [a for a in answers if begun.among(a.signs)[0] > APART]
-    signs = [(grown(a.signs.evidence[0], UNIT), a.signs.share, a.signs.places) for a in apart]
+    signs = [(grown(a.signs.evidence[0], UNIT), a.signs.walls, a.signs.places) for a in apart]
     return replace(begun, place=_rounded(_logistic(np.array(signs), np.array([a.right[0] for a in apart]))))
 
 

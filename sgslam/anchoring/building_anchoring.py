@@ -11,9 +11,9 @@ from data import SceneGraph
 from matching.result import AnyMatcher, MatchResult
 from sgslam.anchoring.anchor_log import AnchorRecord
 from sgslam.anchoring.floor_anchoring import FloorAnchoring
-from sgslam.anchoring.floor_matching import differ
-from sgslam.anchoring.place_verification import Plan
-from sgslam.anchoring.storey_hypotheses import Assignment, assignments, match_jointly
+from sgslam.anchoring.place_posterior import differ, joint_posterior
+from sgslam.anchoring.plan import Plan
+from sgslam.anchoring.storey_hypotheses import Assignment, assignments
 from sgslam.anchoring.wall_alignment import WallAlignment
 from sgslam.backend.backend import Anchors
 from sgslam.config import Config
@@ -44,7 +44,6 @@ class BuildingAnchoring:
         self._start = start
         self._of: dict[int, FloorAnchoring] = {}
         self._possible: list[Assignment] | None = None
-        self._jointly_matched_size = 0  # wall surfaces of all floors when they were last matched jointly
 
     def of(self, number: int) -> FloorAnchoring:
         """The anchoring of one floor of the S-graph."""
@@ -54,14 +53,10 @@ class BuildingAnchoring:
 
     def state(self) -> dict[str, Any]:
         """Returns the state as a tree (see `state_tree`)."""
-        return {
-            "jointly_matched_size": self._jointly_matched_size,
-            "of": {number: own.state() for number, own in self._of.items()},
-        }
+        return {"of": {number: own.state() for number, own in self._of.items()}}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Restores what `state` returned."""
-        self._jointly_matched_size = state["jointly_matched_size"]
         self._of.clear()
         for number, of_floor in state["of"].items():
             self.of(number).restore(of_floor)
@@ -87,11 +82,6 @@ class BuildingAnchoring:
         return self._leading or next((own for own in self._of.values() if own.committed is not None), None)
 
     @property
-    def awaits_confirmation(self) -> bool:
-        """Whether some floor's answer only waits for a larger map to confirm it."""
-        return self.committed is None and any(own.awaits_confirmation for own in self._of.values())
-
-    @property
     def newest_matches(self) -> dict[int, MatchResult]:
         """The newest answer of the matcher for each floor that was matched."""
         return {number: own.match for number, own in self._of.items() if own.match is not None}
@@ -107,7 +97,7 @@ class BuildingAnchoring:
         own = self.committed or next((own for own in self._of.values() if own.match is not None), None)
         if own is None or own.match is None:
             return "too little was seen to try a match"
-        return own.matching.rejection or own.match.reason if own.committed is None else own.committed.reason
+        return own.reason if own.committed is None else own.committed.reason
 
     def update(self, floors: Floors, T_map_local: Floats | None, last: bool) -> Anchors | None:
         """Returns the anchors of all floors that hold now; see `FloorAnchoring.update`.
@@ -145,21 +135,22 @@ class BuildingAnchoring:
             own.matching.restrict_storeys(storeys, storeys[0] if self._start is not None and storeys else None)
 
     def _match_jointly(self, cut: FloorScenes) -> None:
-        """Matches all floors together; where one assignment explains them, each is matched with its storey only."""
-        size = sum(len(scene.graph.wall_surfaces) for _, scene in cut)
-        if not self._possible or size < 1.1 * self._jointly_matched_size:
+        """Commits to the place that all floors together make sure, on the floor with most evidence for it; the others
+        follow it."""
+        asked = {floor.number: (floor, scene) for floor, scene in cut if self.of(floor.number).match is not None}
+        matches = {number: match for number, match in self.newest_matches.items() if number in asked}
+        if not self._possible or len(matches) < 2:
             return
-        self._jointly_matched_size = size
-        graphs = {floor.number: scene.graph for floor, scene in cut}
-        found = match_jointly(
-            graphs, self._possible, lambda k, storey: self._matcher.match(graphs[k], self._plan.storey(storey))
-        )
-        if found is None:
+        graphs = {number: scene.graph for number, (_, scene) in asked.items()}
+        assigned, posterior = joint_posterior(matches, graphs, self._possible)
+        if not posterior.places or posterior.places[0].probability < self._config.anchors.commit:
             return
-        _log.info("storeys by all floors together: %s", found.reason)
-        for number, answer in found.answers.items():
-            if answer.status == "unique":
-                self.of(number).matching.match_only(found.assigned[number])
+        best = posterior.places[0]
+        _log.info("storeys by all floors together: %s", assigned)
+        own = {k: self.of(k).matching.posterior.at(np.array(best.T_a_s), assigned[k], graphs[k]) for k in matches}
+        number = max(own, key=lambda k: own[k])
+        floor, scene = asked[number]
+        self.of(number).commit_to(replace(best, floor=assigned[number]), scene, floor.walls)
 
     def _propagate(self, base: FloorAnchoring, cut: FloorScenes, T_map_local: Floats) -> None:
         """Gives the other floors the place of the floor `base`, which has an answer."""
@@ -173,7 +164,7 @@ class BuildingAnchoring:
             if own.committed is not None and own.committed.floor != expected:
                 own.withdraw(scene, "the floors above or below are elsewhere")
             if own.committed is None and expected is not None:
-                own.follow(expected, scene, floor.walls, T_map_local, base.commitment.confidence)
+                own.follow(expected, scene, floor.walls, T_map_local, base)
 
     @property
     def _heights_slipped(self) -> bool:
@@ -183,7 +174,7 @@ class BuildingAnchoring:
     @staticmethod
     def _is_displaced(own: FloorAnchoring, base: FloorAnchoring, scene: Scene) -> bool:
         """Whether a floor has an answer whose place in plan view is not that of the floor `base`."""
-        return own.committed is not None and differ(own.commitment.place, base.commitment.place, scene)
+        return own.committed is not None and differ(own.commitment.place, base.commitment.place, scene.graph)
 
     def confirm(self, floors: Floors, T_map_local: Floats | None) -> bool:
         """Matches the final map; returns whether all floors keep their commitment. See `FloorAnchoring.confirm`.

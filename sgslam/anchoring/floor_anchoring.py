@@ -11,10 +11,11 @@ from data import SceneGraph
 from matching.result import AnyMatcher, MatchResult
 from sgslam.anchoring.anchor_log import AnchorLog, AnchorStatus, Key
 from sgslam.anchoring.anchored_rooms import anchor_statuses, matched_rooms, planned_walls, room_anchors
-from sgslam.anchoring.floor_matching import FloorMatching, PlacedMatch, differ
+from sgslam.anchoring.floor_matching import FloorMatching
 from sgslam.anchoring.level_alignment import LevelAlignment, align_levels
 from sgslam.anchoring.match_history import Commitment
-from sgslam.anchoring.place_verification import CONFLICT_REASON, Plan
+from sgslam.anchoring.place_posterior import Place, differ
+from sgslam.anchoring.plan import Plan
 from sgslam.anchoring.wall_alignment import WallAlignment, align_walls
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, se2_to_se3
@@ -24,35 +25,30 @@ from sgslam.serialization import Stateful
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 _MIN_WALLS = 4  # walls as planned, for a floor to take over the place of another one
-_CLEARLY_MORE = 1.1  # times the length of wall; as much as makes a map a larger one
 
 
-class FloorAnchoring(Stateful):
+class FloorAnchoring:
     """Keeps the matcher's answers for floor `number` of the S-graph, and turns a unique one into anchors.
 
     `matching` holds the answers, `commitment` the one that the anchors stand on, `log` the anchors' history.
     """
-
-    _STATE = ("_conflict_checked_at",)
 
     def __init__(self, plan: Plan, matcher: AnyMatcher, config: Config, number: int = 0) -> None:
         self._plan, self._config, self.number = plan, config, number
         self.matching = FloorMatching(plan, matcher, config.anchors)
         self.commitment = Commitment()
         self.log = AnchorLog()
-        self._conflict_checked_at = 0  # keyframes of the map when a partial plan was last checked for conflicts
 
     @property
     def _parts(self) -> dict[str, Stateful]:
         return {"matching": self.matching, "commitment": self.commitment, "log": self.log}
 
     def state(self) -> dict[str, Any]:
-        """See `Stateful`; with the state of its parts."""
-        return {**super().state(), **{name: part.state() for name, part in self._parts.items()}}
+        """The state of its parts; see `Stateful`."""
+        return {name: part.state() for name, part in self._parts.items()}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """See `Stateful`."""
-        super().restore(state)
+        """Restores what `state` returned."""
         for name, part in self._parts.items():
             part.restore(state[name])
 
@@ -67,9 +63,9 @@ class FloorAnchoring(Stateful):
         return self.commitment.match
 
     @property
-    def awaits_confirmation(self) -> bool:
-        """Whether an answer about a partial plan only waits for a larger map to confirm it."""
-        return self._plan.partial and self.committed is None and self.matching.is_unique
+    def reason(self) -> str:
+        """Why the newest answer is accepted, or why it is not; empty before the first."""
+        return self.matching.rejection or ("" if self.match is None else self.match.reason)
 
     @property
     def storey(self) -> SceneGraph:
@@ -91,10 +87,9 @@ class FloorAnchoring(Stateful):
         walls = floor.walls
         self.log.rename(walls.current)
         self.commitment.rename(walls.current)
-        self._check_conflict(scene, walls, T_map_local)
         alignment = self.alignment(scene, walls, T_map_local)
         share = 0.0 if alignment is None else alignment.share
-        due = last or self.matching.is_due(scene.graph, committed=self.committed is not None)
+        due = last or self.matching.is_due(scene.graph)
         if due and share < self._config.anchors.least_share:
             before = self.committed
             self._ask(scene, walls, T_map_local, last)
@@ -111,29 +106,18 @@ class FloorAnchoring(Stateful):
         return anchors
 
     def confirm(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> bool:
-        """Matches the final map once more; returns whether the answer is the committed one, or there was none before or
-        after.
-
-        If it is not, the commitment is withdrawn. With a partial plan that happens only where the maps conflict, since
-        much of the map may lie outside the plan.
-        """
-        if self.committed is None:
-            self._ask(scene, walls, None, last=True)
-            if self.committed is None and not self.matching.rejection:  # for the reason in the report
-                _ = self.matching.reject_given_storey(scene) or self.matching.reject_mirrored(scene)
-            return self.committed is None
+        """Matches the final map once more; returns whether the committed place is still probable, or there was none
+        before or after. If it is not, the commitment is withdrawn."""
+        was_committed = self.committed is not None
         self._ask(scene, walls, T_map_local, last=True)
-        if self.committed is self.match:
-            return not self.commitment.replaced
-        if self._plan.partial and not self._conflicts(scene, walls, T_map_local):
-            return True
-        assert self.match is not None
-        self._withdraw(scene, self.matching.rejection or self.match.reason)
-        return False
+        return (self.committed is not None) == was_committed and not self.commitment.replaced
 
-    def follow(self, storey: str, scene: Scene, walls: WallMap, T_map_local: Floats, confidence: float) -> bool:
-        """Takes over the place of the other floors on a storey; returns whether the walls agree with it."""
-        own = self.commitment
+    def follow(
+        self, storey: str, scene: Scene, walls: WallMap, T_map_local: Floats, leading: "FloorAnchoring"
+    ) -> bool:  # fmt: skip
+        """Takes over the place of the `leading` floor on a storey; returns whether the walls agree with it."""
+        own, confidence = self.commitment, leading.commitment.confidence
+        probability = leading.matching.posterior.places[0].probability if leading.matching.posterior.places else 0.0
         own.match, own.follows = None, False
         place = own.place = own.place_now(walls, T_map_local)
         yaw, x, y = self._plan.T_a_s(place).tolist()
@@ -142,7 +126,7 @@ class FloorAnchoring(Stateful):
         if self.aligned_share(scene, walls, T_map_local) < self._config.anchors.least_share:
             own.match = None
             return False
-        self.matching.take_over(match, scene, storey)
+        self.matching.take_over(match, scene, storey, probability)
         own.follows, own.pairs, own.other_confidence = True, set(), confidence
         return True
 
@@ -190,60 +174,39 @@ class FloorAnchoring(Stateful):
     def _match_name(self) -> str:
         return f"match {self.matching.count}"
 
+    def commit_to(self, chosen: Place, scene: Scene, walls: WallMap) -> None:
+        """Commits to one of the places of the newest answer, which the other floors make sure, if its walls agree."""
+        placed = self.matching.placed_at(chosen, scene, walls)
+        if placed is not None:
+            self.commitment.commit(placed.match, placed.place, scene)
+
     def _ask(self, scene: Scene, walls: WallMap, T_map_local: Floats | None, last: bool) -> None:
         """Asks the matcher and commits to a sure answer.
 
-        An answer that places the map elsewhere replaces the committed one, and its anchors are withdrawn.
+        An answer that places the map elsewhere replaces the committed one; a committed place that is no longer
+        probable is withdrawn. A place that follows from another floor is that floor's to change.
         """
-        answer = self.matching.ask(scene, walls, relocalise=self.committed is None)
-        if answer is None:
-            return
-        replaced = self.committed is not None and (
-            answer.match.floor != self.committed.floor
-            or differ(answer.place, self.commitment.place_now(walls, T_map_local), scene)
-        )
-        if replaced and (self.commitment.follows or self._outlives(answer, scene, walls, T_map_local)):
-            return
-        sure = self.matching.is_sure(answer, scene, last)
-        if self.committed is None and not sure:
-            return
-        if replaced:
-            self._withdraw(scene, f"{self._match_name} places the map elsewhere")
-            self.commitment.replaced = True
-        self.commitment.commit(answer.match, answer.place, scene)
-
-    def _outlives(
-        self, answer: PlacedMatch, scene: Scene, walls: WallMap, T_map_local: Floats | None
-    ) -> bool:  # fmt: skip
-        """Whether the committed place explains clearly more walls than that of an answer that places the map elsewhere;
-        the committed answer is then the newest again. A matcher may miss a place that it found before."""
-        place, storey = answer.place, self._plan.storey(answer.match.floor)
-        other = align_walls(scene, walls, storey, self._plan.origin[:2], place, self._config.anchors)
-        committed = self.alignment(scene, walls, T_map_local)
-        lengths = [0.0 if found is None else found.agreeing_length for found in (committed, other)]
-        if lengths[0] <= _CLEARLY_MORE * lengths[1]:
-            return False
-        _log.info("%s is rejected: %.1f m of wall stand there as planned, %.1f m at the committed place",
-                  self._match_name, *lengths[::-1])  # fmt: skip
-        self.matching.match, self.matching.scene = self.committed, None
-        return True
+        matching, own, settings = self.matching, self.commitment, self._config.anchors
+        matching.ask(scene, last)
+        placed = matching.sure_match(scene, walls)
+        if self.committed is not None:
+            here, floor = own.place_now(walls, T_map_local), own.floor
+            elsewhere = placed is not None and (placed.match.floor != floor or differ(placed.place, here, scene.graph))
+            probable = matching.posterior.at(self._plan.T_a_s(here), floor, scene.graph) >= settings.withdraw
+            if own.follows and (elsewhere or placed is None):
+                return
+            if elsewhere:
+                self._withdraw(scene, f"{self._match_name} places the map elsewhere")
+                own.replaced = True
+            elif placed is None and not probable:
+                self._withdraw(scene, self.reason)
+        if placed is not None:
+            own.commit(placed.match, placed.place, scene)
 
     def _withdraw(self, scene: Scene, why: str) -> None:
         self.commitment.clear()
         self.log.withdraw_all(scene.graph.keyframes[-1].stamp_ns, why)
         _log.warning("the match behind the anchors is withdrawn: %s", why)
-
-    def _check_conflict(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> None:
-        """Withdraws a commitment to a partial plan where a grown map conflicts with it."""
-        keyframes = len(scene.graph.keyframes)
-        if self._plan.partial and self.committed is not None and keyframes > self._conflict_checked_at:
-            self._conflict_checked_at = keyframes
-            if self._conflicts(scene, walls, T_map_local):
-                self._withdraw(scene, CONFLICT_REASON)
-
-    def _conflicts(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> bool:
-        place = self.commitment.place_now(walls, T_map_local)
-        return self._plan.conflicts(scene.graph, place, self.commitment.floor)
 
     def _anchors(
         self, scene: Scene, floor: FloorMap, alignment: WallAlignment, T_map_local: Floats | None,
@@ -255,7 +218,7 @@ class FloorAnchoring(Stateful):
         planned, by_rooms = planned_walls(alignment, scene, statuses, T_local_level, self._plan.origin)
         place = self.commitment.place_now(walls, T_map_local)
         valid = T_map_local is not None and not self.commitment.replaced
-        moved = differ(alignment.place, place, scene, settings.gate_offset)
+        moved = differ(alignment.place, place, scene.graph, settings.gate_offset)
         if T_map_local is None or not valid or moved or self._is_raised(T_local_level, walls, T_map_local, heights):
             T_map_local = inverse(T_local_level @ walls.T_level_map)
         rooms = room_anchors(scene, by_rooms, self.height) if settings.rooms else {}

@@ -1,4 +1,4 @@
-"""Match history: the earlier unique answer that a later one may confirm, and the committed match with its walls."""
+"""Match history: the size of the map when it was matched, and the committed match with its walls."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from sgslam.geometry.frames import inverse
 from sgslam.mapping import Scene, WallMap
 from sgslam.serialization import Stateful
 
-_LATER = 6  # keyframes after which the same answer counts as a confirmation
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -32,31 +32,6 @@ class MapSize:
     def has_grown_since(self, last: "MapSize") -> bool:
         """Whether the map has gained a room, or a tenth of its wall length."""
         return self.rooms > last.rooms or self.length > 1.1 * last.length
-
-
-@dataclass(frozen=True)
-class UniqueMatch:
-    """A unique answer: its storey, place (3,), T_local_level, and evidence `score` (nats, 0 where unknown).
-
-    `map_size` and `keyframes` are those of the map that first gave the answer.
-    """
-
-    floor: str | None
-    place: NDArray[np.float64]
-    score: float
-    map_size: MapSize
-    keyframes: int
-
-    def is_confirmable(self, keyframes: int) -> bool:
-        """Whether enough keyframes were added for the same answer to confirm it."""
-        return keyframes - self.keyframes >= _LATER
-
-    def has_more_evidence_than(self, other: "UniqueMatch") -> bool:
-        """Whether both the map and the evidence have grown since another answer."""
-        return self.map_size.has_grown_since(other.map_size) and self.score > other.score
-
-
-Floats = NDArray[np.float64]
 
 
 class Commitment(Stateful):

@@ -160,8 +160,12 @@ class BackendSettings(Settings):
 
 
 class AnchorSettings(Settings):
-    """Anchors to the BIM: how closely the building agrees with its plan."""
+    """Anchors to the BIM: how sure its place is, and how closely the building agrees with its plan."""
 
+    commit: float = Field(0.99, gt=0.5, lt=1)
+    """minimum probability of the map's place in the plan to be anchored there"""
+    withdraw: float = Field(0.9, gt=0, lt=1)
+    """probability of the map's place below which its anchors are withdrawn"""
     planes: bool = True
     """anchor matched walls"""
     rooms: bool = True

@@ -118,15 +118,15 @@ class Floors:
         """The rooms of all floors' scenes."""
         return [room for floor in self.maps if floor.scene is not None for room in floor.scene.rooms]
 
-    def due(self, keyframes: list[KeyframeNode], settings: BackendSettings, unplaced: bool, hurry: bool) -> bool:
+    def due(self, keyframes: list[KeyframeNode], settings: BackendSettings, unplaced: bool) -> bool:
         """Whether the current floor has grown enough for another `cut`.
 
-        Sooner while it is `unplaced` in the plan; with each keyframe in a `hurry`.
+        Sooner while it is `unplaced` in the plan.
         """
         own, scene = sum(k.storey == self.current.number for k in keyframes), self.current.scene
         least = settings.unplaced_keyframes if unplaced else settings.scene_keyframes
         grown = own - (0 if scene is None else len(scene.graph.keyframes))
-        return grown >= (1 if hurry else max(least, settings.scene_growth * own))
+        return grown >= max(least, settings.scene_growth * own)
 
     def refresh(self, estimates: Estimates, height: float, last: bool) -> None:
         """Updates the walls from the newest estimates, joins duplicates and splits walls with a step.

@@ -4,7 +4,8 @@ from data.scene_graph import Door, Floor, Keyframe, Room, SceneGraph, WallSurfac
 from matching.result import Hypothesis, MatchResult
 from sgslam.anchoring import AnchorRecord
 from sgslam.anchoring.anchor_log import AnchorEvent
-from sgslam.anchoring.match_history import MapSize, UniqueMatch
+from sgslam.anchoring.match_history import MapSize
+from sgslam.anchoring.place_posterior import Place, PlacePosterior
 from sgslam.backend import FactorEvent
 from sgslam.mapping import Anchors, Closure, KeyframeNode, Lines, PlannedWall, RoomNode, Scene, SeenLevel, SeenWall
 from sgslam.registration.beliefs import Belief
@@ -16,8 +17,8 @@ TYPES: dict[str, type] = {
     kind.__name__: kind
     for kind in (
         AnchorEvent, AnchorRecord, Anchors, Belief, Closure, Door, FactorEvent, Floor, Hypothesis,
-        Keyframe, KeyframeNode, Lines, Losses, MapSize, MatchResult, Motion, PlannedWall, RawScan, Registration,
-        Room, RoomNode, ScanPose, Scene, SceneGraph, SeenLevel, SeenWall, TimedPoints, TrackedScan, UniqueMatch,
-        UnsteadyTurn, WallSurface,
+        Keyframe, KeyframeNode, Lines, Losses, MapSize, MatchResult, Motion, Place, PlacePosterior, PlannedWall,
+        RawScan, Registration, Room, RoomNode, ScanPose, Scene, SceneGraph, SeenLevel, SeenWall, TimedPoints,
+        TrackedScan, UnsteadyTurn, WallSurface,
     )
 }  # fmt: skip

@@ -1,0 +1,135 @@
+"""The posterior of a map's place: each place on each storey of the plan, outside of it, or mirrored.
+
+The matcher gives the probability of each place of one floor. What else is known multiplies it: the storey that was
+stated, those that the heights between the floors allow, how well the mirror image fits, and the other floors' answers.
+"""
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data import SceneGraph
+from data.geometry import se2
+from matching.result import Hypothesis, MatchResult
+from sgslam.anchoring.storey_hypotheses import Assignment
+
+Floats = NDArray[np.float64]
+APART = 1.0, np.radians(5)  # m and rad from which on two places of a map differ
+# prior probabilities
+_MIRRORED = 0.003  # that scans were recorded mirrored or upside down
+_MISSTATED = 0.001  # that a storey that the user states, or that the heights leave, is another one
+_UNLISTED = 0.03  # that the true place is not among the matcher's hypotheses: 0 to 3 % by noise model
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place of the map, `T_a_s` (3,), yaw x y in the frame of the plan, on a storey, and its `probability`."""
+
+    T_a_s: tuple[float, float, float]
+    floor: str | None
+    probability: float
+
+
+@dataclass(frozen=True)
+class PlacePosterior:
+    """The probabilities of the map's `places`, best first, and of it being `mirrored`; the rest is that of none."""
+
+    places: tuple[Place, ...] = ()
+    mirrored: float = 0.0
+
+    @property
+    def outside(self) -> float:
+        """The probability that the map is at none of the places."""
+        return max(0.0, 1.0 - self.mirrored - sum(place.probability for place in self.places))
+
+    def at(self, T_a_s: Floats, floor: str | None, s: SceneGraph) -> float:
+        """The probability of a place (3,) of a map, with those that do not differ from it."""
+        near = (p for p in self.places if p.floor == floor and not differ(np.array(p.T_a_s), T_a_s, s))
+        return sum(place.probability for place in near)
+
+    def to_dict(self) -> dict[str, float | str | None]:
+        """The chosen place and the runner-up, as in metrics.json."""
+        best, other = (*self.places[:2], *2 * [Place((0.0, 0.0, 0.0), None, 0.0)])[:2]
+        return {
+            "probability": best.probability, "storey": best.floor, "runner_up": other.probability,
+            "runner_up_storey": other.floor, "outside": self.outside, "mirrored": self.mirrored,
+        }  # fmt: skip
+
+
+def differ(place: Floats, other: Floats, s: SceneGraph, metres: float = APART[0]) -> bool:
+    """Whether two places (3,) differ by more than `metres` at the centroid of the map, or by five degrees."""
+    middle = np.array(s.centroid())
+    off = np.linalg.norm(se2.apply(place, middle) - se2.apply(other, middle))
+    return bool(off > metres or abs(se2.wrap(place[:1] - other[:1])[0]) > APART[1])
+
+
+def place_posterior(
+    match: MatchResult, image: MatchResult | None, stated: str | None, possible: Collection[str]
+) -> PlacePosterior:  # fmt: skip
+    """The posterior by a matcher's answer about one floor, and by that about its mirror `image`, if it was asked.
+
+    `stated` is the storey that the user states, `possible` are those that the heights between the floors allow, all
+    where it is empty. Of a matcher that computes no probabilities, a unique answer is believed.
+    """
+    places = [Place(h.T_a_s, h.floor, h.probability or 0.0) for h in _hypotheses(match)]
+    none = max(0.0, 1.0 - sum(place.probability for place in places))
+    mirrored, of_image = 0.0, [] if image is None else [h.score for h in image.hypotheses]
+    if places and of_image:
+        # one more place, with a prior of its own; what deviates from the plan deviates for both alike and cancels, so
+        # differences of their evidence count in full
+        nats = max(of_image) - max(h.score for h in match.hypotheses)
+        mirrored = _MIRRORED * places[0].probability * math.exp(min(nats, 50.0))
+    allowed = {stated} if stated is not None else set(possible)
+    if allowed:
+        places = [p if p.floor in allowed else replace(p, probability=_MISSTATED * p.probability) for p in places]
+    total = none + mirrored + sum(place.probability for place in places)
+    places = [replace(place, probability=place.probability / max(total, 1e-12)) for place in places]
+    return PlacePosterior(tuple(sorted(places, key=lambda p: -p.probability)), mirrored / max(total, 1e-12))
+
+
+def joint_posterior(
+    matches: Mapping[int, MatchResult], graphs: Mapping[int, SceneGraph], possible: list[Assignment]
+) -> tuple[Assignment, PlacePosterior]:  # fmt: skip
+    """The posterior by the answers about several floors of one map, which are at one place in plan view.
+
+    The storeys of the floors are one of the `possible` assignments; returned is that of the best place, and the places
+    of the first floor. Floors whose graph does not show where it is leave it to the others.
+    """
+    known = {k: _hypotheses(match) for k, match in matches.items()}
+    in_plan = {k: sum(h.probability or 0.0 for h in hypotheses) for k, hypotheses in known.items()}
+    found: list[tuple[Assignment, Floats, float]] = []
+    for assigned in possible:
+        own = {k: [h for h in known[k] if h.floor == assigned.get(k)] for k in known}
+        for T in (np.array(h.T_a_s) for hypotheses in own.values() for h in hypotheses):
+            if any(a == assigned and not _differ_for_any(T, other, graphs) for a, other, _ in found):
+                continue
+            weight = 1.0
+            for k, hypotheses in own.items():
+                near = [h.probability or 0.0 for h in hypotheses if not differ(T, np.array(h.T_a_s), graphs[k])]
+                weight *= sum(near) or _UNLISTED * in_plan[k] + (1 - in_plan[k])
+            found.append((assigned, T, weight))
+    if not found:
+        return {}, PlacePosterior()
+    found.sort(key=lambda place: -place[2])
+    total, some = sum(weight for _, _, weight in found), max(in_plan.values())
+    first = min(matches)
+    places = tuple(
+        Place((float(T[0]), float(T[1]), float(T[2])), a.get(first), some * weight / total) for a, T, weight in found
+    )
+    return found[0][0], PlacePosterior(places)
+
+
+def _hypotheses(match: MatchResult) -> tuple[Hypothesis, ...]:
+    """The hypotheses of an answer with their probabilities; its place alone, if it has none with a probability."""
+    if any(h.probability is not None for h in match.hypotheses):
+        return match.hypotheses
+    if match.status != "unique" or match.T_a_s is None:
+        return ()
+    return (Hypothesis(0.0, match.T_a_s, match.floor, probability=1.0),)
+
+
+def _differ_for_any(T: Floats, other: Floats, graphs: Mapping[int, SceneGraph]) -> bool:
+    return any(differ(T, other, graph) for graph in graphs.values())
