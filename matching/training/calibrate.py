@@ -44,6 +44,9 @@ RIGHT_M, RIGHT_RAD = 1.0, float(np.radians(5))  # how near it is to the true pla
 COMPARED = 100  # hypotheses of a map whose truth is looked up: a tower has many equal places
 UNIT = 10.0  # nats
 SEPARATION, START = (1.0, 0.1, 0.02), (0.0, 0.0, 0.0, 0.0)  # where fits begin
+MISLABELLED = (
+    0.001  # share of right hypotheses that count as wrong: their map deforms, or many of their pairs are one wall on
+)
 APART = 0.9  # probability of the best hypothesis among all: of such maps, those in the plan are fitted
 RIDGE = 1e-4  # of the standardised coefficients
 
@@ -63,7 +66,7 @@ class Answer:
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command. Raises UserError."""
     parser = Parser(prog="python -m matching.training.calibrate", description="Fit the verdict and all confidences.")
-    parser.add_argument("--maps", type=int, default=6000, help="number of maps (default: %(default)s)")
+    parser.add_argument("--maps", type=int, default=8000, help="number of maps (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="of the maps (default: %(default)s)")
     parser.add_argument("--out", type=Path, default=SHIPPED, metavar="FILE", help="default: the shipped file")
     options = parser.parse_args(arguments)
@@ -162,7 +165,8 @@ def _place_model(answers: Sequence[Answer]) -> PlaceModel:
     found = [a for a in answers if any(a.right)]
 
     def loss(scale: Array) -> float:
-        return float(np.mean([_surprise(a, np.exp(scale)) for a in found]))
+        known = np.exp([-_surprise(a, np.exp(scale)) for a in found])
+        return -float(np.mean(np.log((1 - MISLABELLED) * known + MISLABELLED)))
 
     separation = np.exp(minimize(loss, np.log(SEPARATION), method="Nelder-Mead").x)
     begun = PlaceModel(START, UNIT, _rounded(separation))
