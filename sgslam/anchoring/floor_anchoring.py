@@ -11,9 +11,9 @@ from data import SceneGraph
 from matching.result import AnyMatcher, MatchResult
 from sgslam.anchoring.anchor_log import AnchorLog, AnchorStatus, Key
 from sgslam.anchoring.anchored_rooms import anchor_statuses, matched_rooms, planned_walls, room_anchors
+from sgslam.anchoring.commitment import Commitment
 from sgslam.anchoring.floor_matching import FloorMatching
 from sgslam.anchoring.level_alignment import LevelAlignment, align_levels
-from sgslam.anchoring.match_history import Commitment
 from sgslam.anchoring.place_posterior import Place, differ
 from sgslam.anchoring.plan import Plan
 from sgslam.anchoring.wall_alignment import WallAlignment, align_walls
@@ -96,7 +96,6 @@ class FloorAnchoring:
             if before is not None and self.committed is before and alignment is None:
                 self._withdraw(scene, "the walls no longer agree on a place in the plan")
             alignment = self.alignment(scene, walls, T_map_local)
-        self.matching.note_size(scene.graph)
         if alignment is None:
             return None
         statuses = anchor_statuses(alignment, scene, self.commitment.pairs, self._match_name)

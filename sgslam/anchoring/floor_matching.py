@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from data import SceneGraph
 from data.scene_graph.motion import mirrored
 from matching.result import AnyMatcher, MatchResult
-from sgslam.anchoring.match_history import MapSize
 from sgslam.anchoring.place_posterior import Place, PlacePosterior, place_posterior
 from sgslam.anchoring.plan import Plan, match_at
 from sgslam.anchoring.wall_alignment import place_from_match
@@ -43,7 +42,7 @@ class FloorMatching(Stateful):
     floors; `possible_storeys` are those that the heights between the floors allow, all where that list is empty.
     """
 
-    _STATE = ("storey", "possible_storeys", "match", "scene", "posterior", "rejection", "count", "_size")
+    _STATE = ("storey", "possible_storeys", "match", "scene", "posterior", "rejection", "count", "_asked_at")
 
     def __init__(self, plan: Plan, matcher: AnyMatcher, settings: AnchorSettings) -> None:
         self._plan, self._matcher, self._settings = plan, matcher, settings
@@ -55,7 +54,7 @@ class FloorMatching(Stateful):
         self.posterior = PlacePosterior()
         self.rejection = ""
         self.count = 0
-        self._size = MapSize()  # of the map when the matcher was last due
+        self._asked_at = 0  # keyframes of the map that the answer is about
 
     def restrict_storeys(self, storeys: list[str], stated: str | None) -> None:
         """Sets the storeys that this floor can be, all where the list is empty, and the one that the user states."""
@@ -68,14 +67,8 @@ class FloorMatching(Stateful):
         self.posterior = PlacePosterior((Place(match.T_a_s, storey, probability),))
 
     def is_due(self, graph: SceneGraph) -> bool:
-        """Whether the map has grown enough to be matched again."""
-        return MapSize.of(graph).has_grown_since(self._size)
-
-    def note_size(self, graph: SceneGraph) -> None:
-        """Records the size of the map where it has grown, so that the next match waits for further growth."""
-        size = MapSize.of(graph)
-        if size.has_grown_since(self._size):
-            self._size = size
+        """Whether the map is another one than that which was matched."""
+        return len(graph.keyframes) != self._asked_at
 
     def ask(self, scene: Scene, last: bool) -> None:
         """Matches the floor with the plan.
@@ -84,7 +77,7 @@ class FloorMatching(Stateful):
         it, and the `last` time, for the reason in the report.
         """
         s, image = scene.graph, None
-        self.match, self.scene = self._matched(s), scene
+        self.match, self.scene, self._asked_at = self._matched(s), scene, len(s.keyframes)
         self.count += 1
         _log.info("match %d, of %d rooms: %s, %s", self.count, len(s.rooms), self.match.status, self.match.reason)
         known = self._stated, self.possible_storeys

@@ -4,7 +4,6 @@ from data.scene_graph import Door, Floor, Keyframe, Room, SceneGraph, WallSurfac
 from matching.result import Hypothesis, MatchResult
 from sgslam.anchoring import AnchorRecord
 from sgslam.anchoring.anchor_log import AnchorEvent
-from sgslam.anchoring.match_history import MapSize
 from sgslam.anchoring.place_posterior import Place, PlacePosterior
 from sgslam.backend import FactorEvent
 from sgslam.mapping import Anchors, Closure, KeyframeNode, Lines, PlannedWall, RoomNode, Scene, SeenLevel, SeenWall
@@ -17,7 +16,7 @@ TYPES: dict[str, type] = {
     kind.__name__: kind
     for kind in (
         AnchorEvent, AnchorRecord, Anchors, Belief, Closure, Door, FactorEvent, Floor, Hypothesis,
-        Keyframe, KeyframeNode, Lines, Losses, MapSize, MatchResult, Motion, Place, PlacePosterior, PlannedWall,
+        Keyframe, KeyframeNode, Lines, Losses, MatchResult, Motion, Place, PlacePosterior, PlannedWall,
         RawScan, Registration, Room, RoomNode, ScanPose, Scene, SceneGraph, SeenLevel, SeenWall, TimedPoints,
         TrackedScan, UnsteadyTurn, WallSurface,
     )

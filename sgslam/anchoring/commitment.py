@@ -1,12 +1,10 @@
-"""Match history: the size of the map when it was matched, and the committed match with its walls."""
+"""The committed match of a floor, with its place and its walls."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from data import SceneGraph
 from matching.result import MatchResult
 from sgslam.anchoring.anchor_log import Key
 from sgslam.anchoring.wall_alignment import planar_pose
@@ -15,23 +13,6 @@ from sgslam.mapping import Scene, WallMap
 from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class MapSize:
-    """Size of an S-graph: its rooms, and the total length (m) of its wall surfaces."""
-
-    rooms: int = 0
-    length: float = 0.0
-
-    @staticmethod
-    def of(graph: SceneGraph) -> "MapSize":
-        """The size of an S-graph."""
-        return MapSize(len(graph.rooms), sum(w.length or 0.0 for w in graph.wall_surfaces))
-
-    def has_grown_since(self, last: "MapSize") -> bool:
-        """Whether the map has gained a room, or a tenth of its wall length."""
-        return self.rooms > last.rooms or self.length > 1.1 * last.length
 
 
 class Commitment(Stateful):
