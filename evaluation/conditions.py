@@ -22,9 +22,11 @@ BUILDING: dict[str, Changes] = {
     "10 to 30 cm": Changes(moved=0.33),
     "absent": Changes(absent=0.1, unplanned=0.1),
 }
-# Of the plan that is given: of another building, of two equal ones side by side, with another storey stated; with all
-# ceilings a few centimetres too low, with each floor and ceiling off by chance, without what hangs or is raised.
-PLANS = ("foreign plan", "doubled plan", "wrong storey", "low ceilings", "levels off", "flat plan")
+# Of the plan that is given: of another building, of two equal ones side by side, with another storey stated, without
+# half of its walls; with all ceilings a few centimetres too low, with each floor and ceiling off by chance, without
+# what hangs or is raised.
+PLACES = ("foreign plan", "doubled plan", "wrong storey", "half the walls")
+PLANS = (*PLACES, "low ceilings", "levels off", "flat plan")
 # Of the sensor, with the amounts of four severities; "mirrored" and "feet" have none.
 SENSOR: dict[str, tuple[float, ...]] = {
     "dropout": (0.3, 0.6, 0.8, 0.95),  # of the returns are lost, at random
@@ -40,6 +42,7 @@ RECORDING: dict[str, tuple[float, ...]] = {
     "occlusion": (0.15, 0.3, 0.5, 0.7),  # of the directions are blocked by things near the sensor
     "people": (2.0, 5.0, 10.0, 20.0),  # walk round the sensor
     "gaps": (1.0, 2.0, 4.0, 8.0),  # of 2 s without a scan
+    "sliding doors": (),  # close behind and before the sensor, and are walls in the plan
     "covered": (),  # for 5 s a cap is over the sensor, while it is carried on
     "kidnapped": (),  # no scans for 12 s while the sensor is carried on; the stamps show no gap
     "shaken": (),  # the sensor is turned to and fro, at up to 300 degrees/s; part of the simulation
@@ -58,6 +61,7 @@ BLOCKS, BLOCK_S, BLOCK_M = 12, 2.0, (0.4, 0.8)  # directions that are blocked to
 PERSON_RADIUS_M, PERSON_RANGE_M = 0.25, (0.8, 4.0)
 PERSON_BELOW_M, PERSON_ABOVE_M = 1.4, 0.4  # of a sensor that is carried in a hand
 PERSON_SPEED, VIBRATION_HZ = 0.8, 12.0  # m/s
+OPENS_M, DOOR_M, AT_DOOR_M = 1.5, 0.9, 0.6  # from a sliding door to the sensor; its width where unknown; to its wall
 GAP_S, FIRST_GAP_S = 2.0, 5.0
 
 
@@ -99,6 +103,7 @@ class Troubled:
     drive: Recorded
     trouble: str = ""
     times: bool = True
+    leaves: tuple[WallSurface, ...] = ()  # of sliding doors
 
     @property
     def truth(self) -> Trajectory:
@@ -222,6 +227,23 @@ def _share_before(rays: Array, centre: Array) -> Array:
     return np.where(hit, met, 1.0)
 
 
+def _sliding_doors(scan: Scan, amount: float, of: Troubled, seed: tuple[int, int]) -> Scan:
+    """Each door is closed while the sensor is not near it."""
+    T_bim_sensor = of.drive.truth.at(scan.stamp_ns + _times_ns(scan))
+    rays = np.einsum("nij,nj->ni", T_bim_sensor[:, :3, :3], scan.points)[:, :2]
+    begin, shown = T_bim_sensor[:, :2, 3], np.ones(len(rays))
+    for leaf in of.leaves:
+        centre, normal = np.array(leaf.centroid), np.array(leaf.normal)
+        if np.hypot(*(begin[0] - centre)) < OPENS_M:
+            continue
+        along = rays @ normal
+        met = (centre - begin) @ normal / np.where(np.abs(along) > 1e-9, along, np.inf)
+        aside = np.abs((begin + met[:, None] * rays - centre) @ np.array([-normal[1], normal[0]]))
+        hit = (met > 0) & (met < 1) & (aside < (leaf.length or DOOR_M) / 2)
+        shown = np.where(hit, np.minimum(shown, met), shown)
+    return replace(scan, points=scan.points * shown[:, None])
+
+
 def _covered(scan: Scan, amount: float, of: Troubled, seed: tuple[int, int]) -> Scan:
     if not 0 <= of.since_begin_s(scan) < COVERED_S:
         return scan
@@ -242,6 +264,7 @@ CHANGES: dict[str, Change] = {
     "occlusion": _occlusion,
     "people": _people,
     "covered": _covered,
+    "sliding doors": _sliding_doors,
 }
 
 
@@ -277,6 +300,38 @@ def doubled(plan: SceneGraph) -> SceneGraph:
         wall_surfaces=plan.wall_surfaces + tuple(map(wall_beside, plan.wall_surfaces)),
         doors=plan.doors + doors,
     )
+
+
+def without_half_of_its_walls(plan: SceneGraph, seed: int) -> SceneGraph:
+    """The plan without every second wall surface, by chance."""
+    kept = np.random.default_rng([seed, 67]).random(len(plan.wall_surfaces)) < 0.5
+    return replace(plan, wall_surfaces=tuple(w for w, keep in zip(plan.wall_surfaces, kept, strict=True) if keep))
+
+
+def leaves_of(plan: SceneGraph) -> tuple[WallSurface, ...]:
+    """The closed doors of a plan, as wall surfaces: one for each side, in line with the wall there."""
+    leaves = []
+    for door in plan.doors:
+        for room in door.rooms:
+            beside = [w for w in plan.surfaces_of_room.get(room, ()) if _off(w, door.centroid) < AT_DOOR_M]
+            if not beside:
+                continue
+            wall = min(beside, key=lambda w: float(np.hypot(*np.subtract(w.centroid, door.centroid))))
+            across = float(np.subtract(door.centroid, wall.centroid) @ np.array(wall.normal))
+            x, y = (np.array(door.centroid) - across * np.array(wall.normal)).tolist()
+            width = door.width or DOOR_M
+            leaves.append(replace(wall, id=f"{door.id}, {room}", centroid=(x, y), length=width, parts=()))
+    return tuple(leaves)
+
+
+def _off(wall: WallSurface, place: Xy) -> float:
+    """How far (m) a place is from the line of a wall."""
+    return abs(float(np.subtract(place, wall.centroid) @ np.array(wall.normal)))
+
+
+def with_doors_as_walls(plan: SceneGraph) -> SceneGraph:
+    """The plan in which all doors are walls."""
+    return replace(plan, wall_surfaces=plan.wall_surfaces + leaves_of(plan), doors=())
 
 
 def with_levels_raised(plan: SceneGraph, floors: float, ceilings: float) -> SceneGraph:

@@ -21,13 +21,23 @@ from data.scans import Scan
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
 from evaluation.buildings import building_file, building_named, flat_plan_of, generated, plan_graph, storey_of
-from evaluation.conditions import LOW_M, NO_PLACE, Troubled, doubled, with_levels_off, with_levels_raised
+from evaluation.conditions import (
+    LOW_M,
+    NO_PLACE,
+    Troubled,
+    doubled,
+    leaves_of,
+    with_doors_as_walls,
+    with_levels_off,
+    with_levels_raised,
+    without_half_of_its_walls,
+)
 from evaluation.drive import Drive, DriveCase, drive_of, release
 from evaluation.elements import verdicts_of
 from evaluation.metrics.maps import room_scores, wall_scores
 from evaluation.metrics.matches import matching_scores
 from evaluation.metrics.tracking import PoseClaims, errors_over_time, reliability
-from evaluation.metrics.trajectories import origin_alignment
+from evaluation.metrics.trajectories import origin_alignment, wrong_poses
 from evaluation.metrics.true_matches import true_matches
 from evaluation.outcome import NO_POSES, Outcome
 from evaluation.peers.icp_to_bim import register_to_bim, surfaces_of
@@ -75,7 +85,8 @@ def outcome_of(case: DriveCase, work: Path) -> Outcome:
 
 
 def _made(case: DriveCase, drive: Drive, work: Path) -> Outcome:
-    sent = Troubled(drive, case.trouble, case.times)
+    leaves = leaves_of(plan_graph(drive.plan)) if case.trouble == "sliding doors" else ()
+    sent = Troubled(drive, case.trouble, case.times, leaves)
     if case.variant in TRACKERS:
         return _tracker(case, drive, sent)
     if case.variant in PEERS:
@@ -106,7 +117,7 @@ def _system(case: DriveCase, variant: Variant, drive: Drive, sent: Troubled, wor
     facts = _facts(result) | {"kidnaps": slam.kidnaps, "cpu_s": cpu_s, "scans_per_s": len(live) / cpu_s}
     facts |= {"length_m": drive.length_m, "peak_mb": _peak_mb()}
     if plan is not None and case.trouble not in NO_PLACE:
-        facts |= _map_facts(result, plan, truth)
+        facts |= _map_facts(result, plan, truth) | {"placed": _placed(result, truth)}
     if case.changes and result.anchored and drive.plan.suffix.lower() in IFC_SUFFIXES:
         facts |= verdicts_of(case, drive, result, building_file(case.building, work)[0])
     aligned = result.trajectory_map
@@ -134,6 +145,10 @@ def _plan(case: DriveCase, drive: Drive, work: Path) -> SceneGraph:
         name = next(name for name in FOREIGN if name != case.building)
         return plan_graph(building_file(name, work)[0])
     plan = plan_graph(drive.plan)
+    if case.trouble == "half the walls":
+        return without_half_of_its_walls(plan, case.seed)
+    if case.trouble == "sliding doors":
+        return with_doors_as_walls(plan)
     if case.trouble == "flat plan":
         return plan_graph(flat_plan_of(case.building, work))
     if case.trouble == "low ceilings":
@@ -176,6 +191,7 @@ def _live(updates: list[Update]) -> Trajectory:
 def _facts(result: Result) -> Record:
     return {
         "reason": result.reason,
+        "place": None if result.place is None else [result.place.probability, result.place.runner_up],
         "first_anchor_s": result.first_anchor_s,
         "alarms": [name for name, signal in result.quality.items() if not signal.ok],
         "match_status": "none" if result.matches is None else result.matches["status"],
@@ -183,6 +199,17 @@ def _facts(result: Result) -> Record:
         "rooms": len(result.s_graph.rooms),
         "keyframes": result.keyframes,
     }
+
+
+def _placed(result: Result, truth: Trajectory) -> Record | None:
+    """Of a map that had a place, though it may have been withdrawn: its signals of soundness, and how many of its
+    scans, without lost ones, are wrong there; None for a map without a place."""
+    place, told = result.place, result.uncertainty
+    if place is None or place.T_bim_map is None:
+        return None
+    kept = (told.part == 0) & (np.array(told.health) != "lost")
+    poses = result.trajectory_map.only(kept).transformed(place.T_bim_map)
+    return {"scans": len(poses), "wrong": wrong_poses(poses, truth), "signals": dict(place.signals)}
 
 
 def _map_facts(result: Result, plan: SceneGraph, truth: Trajectory) -> Record:

@@ -7,7 +7,7 @@ import pandas as pd
 from pydantic import Field
 
 from evaluation.buildings import building_named, generated
-from evaluation.conditions import NO_PLACE, PLANS, SENSOR, split
+from evaluation.conditions import NO_PLACE, PLACES, SENSOR, split
 from evaluation.conditions import RECORDING as OF_RECORDING
 from evaluation.drive import RECORDING, DriveCase, DriveOptions
 from evaluation.run import study_of_runs
@@ -17,7 +17,7 @@ from evaluation.tables import ANCHORED, INSIDE, WRONG, Query, count, made, rare,
 NONE = ""
 HOUSES = ("fzk-haus", "niedriha", "jesse", "sample-house")
 SEVERE = {name: amounts for name, amounts in {**SENSOR, **OF_RECORDING}.items() if amounts}
-PLAIN = (NONE, *PLANS, *(name for name in (*SENSOR, *OF_RECORDING) if name not in SEVERE))
+PLAIN = (NONE, *PLACES, *(name for name in (*SENSOR, *OF_RECORDING) if name not in SEVERE))
 
 
 class Choice(DriveOptions):

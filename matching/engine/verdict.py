@@ -32,22 +32,20 @@ MOST_LOG_ODDS = 50.0
 class PlaceModel:
     """The posterior of places in a plan; evidence is in nats.
 
-    `place` are the coefficients of the log odds that the map is in the plan: of log(1 + evidence / `unit`) of the best
-    hypothesis, of the logarithms of the number of the map's walls and of the number of places in the plan, and a
+    `place` are the coefficients of the log odds that the map is in the plan: of the best hypothesis' evidence for each
+    wall of the map, of the logarithms of the number of these walls and of the number of places in the plan, and a
     constant (J. Platt: Probabilistic outputs for support vector machines, 1999).
     `separation` (a, b, c): hypotheses are as likely as a softmax of their evidence over a + b times the number of
     unexplained walls + c times the evidence of the best says: at another place as much may differ from the plan.
     """
 
     place: tuple[float, float, float, float]
-    unit: float
     separation: tuple[float, float, float]
 
     def in_plan(self, signs: "Signs") -> float:
         """The probability that the map is in the plan."""
-        of, walls, places, constant = self.place
-        known = grown(signs.evidence[0], self.unit)
-        return probability(of * known + walls * signs.walls + places * signs.places + constant)
+        of = np.array([*signs.features, 1.0])
+        return probability(float(of @ np.array(self.place)))
 
     def temperature(self, signs: "Signs") -> float:
         """The nats of evidence that make one hypothesis e times as likely as another."""
@@ -86,11 +84,6 @@ class Calibration:
         return probability(self.surface[0] + self.surface[1] * math.log(share / (1 - share)))
 
 
-def grown(evidence: float, unit: float) -> float:
-    """How evidence in nats counts: by its logarithm, since walls that agree are not independent."""
-    return math.log1p(max(evidence, 0.0) / unit)
-
-
 def probability(log_odds: float) -> float:
     """The probability of log odds."""
     return 1 / (1 + math.exp(-min(max(log_odds, -MOST_LOG_ODDS), MOST_LOG_ODDS)))
@@ -102,7 +95,7 @@ def shipped() -> Calibration:
     stored = json.loads(SHIPPED.read_text(encoding="utf-8"))
 
     def model(of: dict[str, Any]) -> PlaceModel:
-        return PlaceModel(tuple(of["place"]), of["unit"], tuple(of["separation"]))
+        return PlaceModel(tuple(of["place"]), tuple(of["separation"]))
 
     room, surface = tuple(stored["room"]), tuple(stored["surface"])
     return Calibration(model(stored["plan"]), model(stored["partial"]), room, surface)  # type: ignore[arg-type]
@@ -126,6 +119,11 @@ class Signs:
     unexplained: float
     walls: float
     places: float
+
+    @property
+    def features(self) -> tuple[float, float, float]:
+        """Those of `PlaceModel.place`."""
+        return max(self.evidence[0], 0.0) / math.exp(self.walls), self.walls, self.places
 
     @staticmethod
     def of(found: Hypotheses, near_start: bool = False) -> "Signs":

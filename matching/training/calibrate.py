@@ -23,7 +23,7 @@ from matching.engine.assignment import Pairs, assign
 from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
 from matching.engine.room_signs import room_signs
-from matching.engine.verdict import SHIPPED, Calibration, PlaceModel, Signs, grown
+from matching.engine.verdict import SHIPPED, Calibration, PlaceModel, Signs
 from matching.training.data import Split, generated, seeds_of
 
 KINDS = ("apartment", "office", "corridor", "l_shape", "skewed", "mirrored_twins", "tower")
@@ -39,10 +39,10 @@ REGIMES = {
 # kind is alike in parts
 THINNED, PARTIAL = (0.2, 0.6), (0.2, 0.8)  # shares of the walls that a plan lacks, and of the rooms that one has
 OF_PLAN, OF_PARTIAL = ("whole", "foreign", "thinned"), ("partial", "foreign")
+FOREIGN = 0.05  # probability beforehand that the plan is of another building: users rarely mistake it
 RIGHT = 0.8  # of a hypothesis' wall pairs, by number, that are true, or
 RIGHT_M, RIGHT_RAD = 1.0, float(np.radians(5))  # how near it is to the true place
 COMPARED = 100  # hypotheses of a map whose truth is looked up: a tower has many equal places
-UNIT = 10.0  # nats
 SEPARATION, START = (1.0, 0.1, 0.02), (0.0, 0.0, 0.0, 0.0)  # where fits begin
 MISLABELLED = (
     0.001  # share of right hypotheses that count as wrong: their map deforms, or many of their pairs are one wall on
@@ -169,15 +169,22 @@ def _place_model(answers: Sequence[Answer]) -> PlaceModel:
         return -float(np.mean(np.log((1 - MISLABELLED) * known + MISLABELLED)))
 
     separation = np.exp(minimize(loss, np.log(SEPARATION), method="Nelder-Mead").x)
-    begun = PlaceModel(START, UNIT, _rounded(separation))
+    begun = PlaceModel(START, _rounded(separation))
     apart = [a for a in answers if begun.among(a.signs)[0] > APART]
-    signs = [(grown(a.signs.evidence[0], UNIT), a.signs.walls, a.signs.places) for a in apart]
-    return replace(begun, place=_rounded(_logistic(np.array(signs), np.array([a.right[0] for a in apart]))))
+    foreign = np.array([a.regime == "foreign" for a in answers])
+    weight = {True: FOREIGN / foreign.mean(), False: (1 - FOREIGN) / (1 - foreign.mean())}
+    weights = np.array([weight[a.regime == "foreign"] for a in apart])
+    return replace(
+        begun,
+        place=_rounded(
+            _logistic(np.array([a.signs.features for a in apart]), np.array([a.right[0] for a in apart]), weights)
+        ),
+    )
 
 
 def _surprise(answer: Answer, separation: Array) -> float:
     """Minus the logarithm of the probability of the right hypotheses."""
-    scale = PlaceModel(START, UNIT, tuple(separation.tolist())).temperature(answer.signs)
+    scale = PlaceModel(START, tuple(separation.tolist())).temperature(answer.signs)
     evidence = np.array(answer.signs.evidence[: len(answer.right)]) / scale
     return float(np.logaddexp.reduce(evidence) - np.logaddexp.reduce(evidence[np.array(answer.right)]))
 
@@ -192,14 +199,15 @@ def _of_shares(pairs: Sequence[tuple[float, bool]]) -> Array:
     return _logistic(np.log(share / (1 - share))[:, None], true)[::-1]
 
 
-def _logistic(features: Array, true: Array) -> Array:
-    """(features + 1,) coefficients and constant of a logistic regression with a ridge, on (N, features)."""
+def _logistic(features: Array, true: Array, weights: Array | float = 1.0) -> Array:
+    """(features + 1,) coefficients and constant of a logistic regression with a ridge, on (N, features) with (N,)
+    weights."""
     mean, deviation = features.mean(axis=0), features.std(axis=0)
     columns = np.column_stack(((features - mean) / deviation, np.ones(len(features))))
 
     def loss(weight: Array) -> float:
         log_odds = columns @ weight
-        surprise = float(np.mean(np.logaddexp(0, log_odds) - true * log_odds))
+        surprise = float(np.mean(weights * (np.logaddexp(0, log_odds) - true * log_odds)))
         return surprise + RIDGE * float(weight[:-1] @ weight[:-1])
 
     weight = minimize(loss, np.zeros(columns.shape[1])).x

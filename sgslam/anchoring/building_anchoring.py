@@ -11,7 +11,7 @@ from data import SceneGraph
 from matching.result import AnyMatcher, MatchResult
 from sgslam.anchoring.anchor_log import AnchorRecord
 from sgslam.anchoring.floor_anchoring import FloorAnchoring
-from sgslam.anchoring.place_posterior import differ, joint_posterior
+from sgslam.anchoring.place_posterior import PlacePosterior, differ, joint_posterior
 from sgslam.anchoring.plan import Plan
 from sgslam.anchoring.storey_hypotheses import Assignment, assignments
 from sgslam.anchoring.wall_alignment import WallAlignment
@@ -80,6 +80,13 @@ class BuildingAnchoring:
     def committed(self) -> FloorAnchoring | None:
         """The anchoring of the floor that the others follow: one with a committed match; None before that."""
         return self._leading or next((own for own in self._of.values() if own.committed is not None), None)
+
+    @property
+    def posterior(self) -> PlacePosterior:
+        """What is believed of the place of the floor that the others follow, or of the first one that was matched."""
+        known = (own for own in self._of.values() if own.match is not None)
+        own = self.committed or next(known, None)
+        return PlacePosterior() if own is None else own.matching.posterior
 
     @property
     def newest_matches(self) -> dict[int, MatchResult]:

@@ -50,14 +50,6 @@ class PlacePosterior:
         near = (p for p in self.places if p.floor == floor and not differ(np.array(p.T_a_s), T_a_s, s))
         return sum(place.probability for place in near)
 
-    def to_dict(self) -> dict[str, float | str | None]:
-        """The chosen place and the runner-up, as in metrics.json."""
-        best, other = (*self.places[:2], *2 * [Place((0.0, 0.0, 0.0), None, 0.0)])[:2]
-        return {
-            "probability": best.probability, "storey": best.floor, "runner_up": other.probability,
-            "runner_up_storey": other.floor, "outside": self.outside, "mirrored": self.mirrored,
-        }  # fmt: skip
-
 
 def differ(place: Floats, other: Floats, s: SceneGraph, metres: float = APART[0]) -> bool:
     """Whether two places (3,) differ by more than `metres` at the centroid of the map, or by five degrees."""

@@ -28,7 +28,5 @@ class QualitySettings(Settings):
     JCGM 106:2012 defines it; of scans at the minimum, one in a hundred is off by more"""
     position_sigma: float = Field(0.2, gt=0)
     """m, maximum of the 95 % quantile of the positions' standard deviations"""
-    plan_tilt: float = Field(1.0, gt=0)
-    """degrees, maximum angle between the plan's vertical and the map's; 0.2 in sound maps, 4 in lost ones"""
-    planned_walls_crossed: int = Field(1, ge=0)
-    """maximum number of planned walls that the path crosses; 0 in sound maps, 5 in lost ones"""
+    place_probability: float = Field(0.9, gt=0, lt=1)
+    """minimum probability that the map is sound and at its place in the plan"""

@@ -13,8 +13,7 @@ SIGNALS = {  # the names in metrics.json: phrase, unit, and which side of the li
     "keyframes_without_walls": ("keyframes that see no wall, share of all", " %", "at most"),
     "walls_per_keyframe": ("walls that a keyframe sees, mean", "", "at least"),
     "position_sigma_m": ("standard deviation of 95 % of the positions", " m", "at most"),
-    "plan_tilt_deg": ("tilt of the plan in the map", "°", "at most"),
-    "planned_walls_crossed": ("planned walls that the path crosses", "", "at most"),
+    "place_probability": ("probability of the place", " %", "at least"),
 }
 
 

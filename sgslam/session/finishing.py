@@ -10,15 +10,18 @@ from numpy.typing import NDArray
 
 from data import SceneGraph
 from data.trajectory import Trajectory
+from sgslam.anchoring.soundness import shipped
 from sgslam.backend import Backend, Uncertainty
 from sgslam.config import Config
 from sgslam.mapping import Floors
 from sgslam.report.number_formats import NO_PLAN
 from sgslam.session.active_map import ActiveMap
+from sgslam.session.place_report import PlaceReport
 from sgslam.session.prior_map import PriorMap
 from sgslam.session.result import PoseCovariances, Relocalisation, Result
 from sgslam.session.scan_poses import RunPoses, ScanPose, at_stamps, newest_run, odometry_begins, odometry_of
-from sgslam.session.soundness.quality import Quality, contradiction, quality_of
+from sgslam.session.soundness.free_space import share_through_walls
+from sgslam.session.soundness.quality import Quality, at_least, contradiction, placed_signals, quality_of
 from sgslam.session.soundness.scan_uncertainty import (
     ScanUncertainty,
     scan_uncertainty,
@@ -94,6 +97,7 @@ def assemble_result(
         clouds=final.clouds,
         uncertainty=told,
         quality=place.quality,
+        place=place.place,
         tracked=run.tracked,
         earlier=tuple(path if T_bim_map is None else path.transformed(T_bim_map) for path in run.earlier),
         relocalisation=relocalisation,
@@ -103,31 +107,49 @@ def assemble_result(
 
 
 @dataclass(frozen=True, eq=False)
-class _Place:
+class _Judged:
     """The map's place in the plan, T_bim_map (4, 4), None without one that holds; why or why not; how well the scans in
-    the map are known; and the map's quality."""
+    the map are known; the map's quality; and what is believed of the place that was found, if one was."""
 
     T_bim_map: Floats | None
     reason: str
     own: ScanUncertainty
     quality: Quality
+    place: PlaceReport | None
 
 
 def _judged(
     final: ActiveMap, run: RunPoses, known: Uncertainty | None, standing: SceneGraph | None, config: Config
-) -> _Place:
-    """The place that was found, unless no scan is known well enough there, or the run contradicts it."""
+) -> _Judged:
+    """The place that was found, unless no scan is known well enough there, or the map is probably not sound."""
     anchoring, T_bim_map = None if final.plan_is_prior else final.anchoring, final.T_bim_map
     own = _uncertainty(final, run, known, T_bim_map, config)
-    reason, refused = NO_PLAN if anchoring is None else anchoring.reason, None
-    if T_bim_map is not None and not own.anchored.any():
-        T_bim_map, refused = None, why_none_is_anchored(own, config.quality, place=1.0)
+    quality = _quality(final, run, own, config)
+    if anchoring is None:
+        return _Judged(T_bim_map, NO_PLAN, own, quality, None)
+    posterior, refused = anchoring.posterior, None
+    if T_bim_map is None or standing is None:
+        return _Judged(None, anchoring.reason, own, quality, PlaceReport.of(posterior))
+    begins, through = odometry_begins(run.scans), _through_walls(final, run, T_bim_map, standing)
+    signals = placed_signals(quality, run.in_map, begins, own, T_bim_map, standing, through)
+    sound = shipped().judged(signals)
+    place = PlaceReport.of(posterior, sound, signals, T_bim_map)
+    if not own.anchored.any():
+        refused = why_none_is_anchored(own, config.quality, place=1.0)
+    else:
+        refused = contradiction(place.probability, sound, signals, config.anchors.withdraw)
+    if refused:
         own = _uncertainty(final, run, known, None, config)
-    quality = _quality(final, run, own, T_bim_map, standing, config)
-    if wrong := contradiction(quality):
-        T_bim_map, refused = None, wrong
-        own = _uncertainty(final, run, known, None, config)
-    return _Place(T_bim_map, refused or reason, own, quality)
+        return _Judged(None, refused, own, _quality(final, run, own, config), place)
+    quality["place_probability"] = at_least(place.probability, config.quality.place_probability)
+    return _Judged(T_bim_map, anchoring.reason, own, quality, place)
+
+
+def _through_walls(final: ActiveMap, run: RunPoses, T_bim_map: Floats, standing: SceneGraph) -> float:
+    """The share of the rays of this run's keyframes that lead through standing walls."""
+    own = [k for k, keyframe in enumerate(final.backend.keyframes) if keyframe.scan >= run.begin]
+    poses = T_bim_map @ final.backend.poses[own]
+    return share_through_walls(poses, own, final.clouds, standing)
 
 
 def _uncertainty(
@@ -158,15 +180,12 @@ def _first_anchor_s(final: ActiveMap, run: RunPoses) -> float | None:
     return None if final.first_anchor_ns is None else (final.first_anchor_ns - int(run.in_map.stamps_ns[0])) / 1e9
 
 
-def _quality(
-    final: ActiveMap, run: RunPoses, own: ScanUncertainty, T_bim_map: Floats | None, standing: SceneGraph | None,
-    config: Config,
-) -> Quality:  # fmt: skip
+def _quality(final: ActiveMap, run: RunPoses, own: ScanUncertainty, config: Config) -> Quality:
     """The signals of the map's quality; `own` is the uncertainty of the scans in the map."""
     count = len(run.all_scans)
     return quality_of(
         run.in_map, odometry_of(run.scans), odometry_begins(run.scans), _walls_seen(final.floors, final.backend), own,
-        run.tracked["lost"] / count, (count - len(run.scans)) / count, T_bim_map, standing, config.quality,
+        run.tracked["lost"] / count, (count - len(run.scans)) / count, config.quality,
     )  # fmt: skip
 
 

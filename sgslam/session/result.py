@@ -34,6 +34,7 @@ from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.report import ReportData, RunFolder
 from sgslam.report.elements import shown_as_element
 from sgslam.session.checkpoints import Checkpoints, Resumable
+from sgslam.session.place_report import PlaceReport
 from sgslam.session.soundness.quality import Quality
 from sgslam.session.soundness.scan_uncertainty import FILE as SIGMA
 from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
@@ -134,6 +135,7 @@ class Result:
     tracked: dict[Health, int]
     uncertainty: ScanUncertainty
     quality: Quality
+    place: PlaceReport | None = None
     earlier: tuple[Trajectory, ...] = ()
     relocalisation: Relocalisation | None = None
     advice: tuple[str, ...] = ()
@@ -197,6 +199,7 @@ class Result:
             "reason": self.reason,
             "anchored_share": float(self.uncertainty.anchored.mean()),
             "quality": {name: asdict(signal) for name, signal in self.quality.items()},
+            "place": None if self.place is None else self.place.to_dict(),
             "T_bim_map": None if T is None else poses_to_xyzquat(T[None])[0].tolist(),
             "scans": len(self.trajectory_map),
             "scans_skipped": 0,

@@ -1,10 +1,11 @@
-"""Signals that separate sound maps from lost ones, each with its value and its limit.
+"""Signals that separate sound maps from lost ones, each with its value and its limit; and those of a placed map.
 
 In lost runs the map and the odometry disagree, keyframes see no walls, the plan is tilted in the map, or the way
 leads through planned walls, though a place in the plan may explain the map.
 """
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -15,13 +16,14 @@ from numpy.typing import NDArray
 from data import SceneGraph, UserError
 from data.scene_graph import WallSurface
 from data.trajectory import Trajectory
+from sgslam.anchoring.soundness import LAPLACE, Soundness
 from sgslam.config import QualitySettings
 from sgslam.report.accuracy import rmse_aligned
 from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
 
 Floats = NDArray[np.float64]
 _DOOR = 0.8  # m from the middle of a planned door, up to which the way leads through it
-_APART = 1.0  # m of way: crossings nearer to each other are of one wall, which has two faces
+_APART = 1.0  # m: crossings nearer to each other are of one wall, which has two faces
 
 
 @dataclass(frozen=True)
@@ -38,24 +40,21 @@ Quality = dict[str, Signal]
 
 def quality_of(
     in_map: Trajectory, odometry: Trajectory, begins: list[int], walls_seen: list[int], uncertainty: ScanUncertainty,
-    lost: float, unplaced: float, T_bim_map: Floats | None, standing: SceneGraph | None, settings: QualitySettings,
+    lost: float, unplaced: float, settings: QualitySettings,
 ) -> Quality:  # fmt: skip
     """The signals of a run with these trajectories, at the same stamps, and numbers of walls seen from its keyframes.
-    The odometry begins again at the scans `begins`; `standing` is the plan with the walls that the map has. `lost` is
-    the share of the scans that are lost, of those in parts that were not placed too; `unplaced` is the share of the
-    scans in such parts.
+    The odometry begins again at the scans `begins`. `lost` is the share of the scans that are lost, of those in parts
+    that were not placed too; `unplaced` is the share of the scans in such parts.
 
     - `map_against_odometry`: how far the map's trajectory and the odometry's differ, aligned, as a share of the way.
     - `lost_scans`, `unplaced_scans`, `keyframes_without_walls`: shares.
     - `walls_per_keyframe`: the mean number of walls seen.
     - `position_sigma_m`: below which the standard deviation of 95 % of the positions lies: of the anchored scans, or of
       all where none is.
-    - `plan_tilt_deg`, `planned_walls_crossed`: of a run with a place in the plan, how the plan lies in the map, and
-      through how many of these walls its way leads.
     """
     way = float(np.linalg.norm(np.diff(in_map.positions, axis=0), axis=1).sum())
     sigma = np.linalg.norm(uncertainty.sigma[:, :3], axis=1)
-    known = sigma[np.isfinite(sigma) & (uncertainty.anchored if T_bim_map is not None else True)]
+    known = sigma[np.isfinite(sigma) & (uncertainty.anchored if uncertainty.anchored.any() else True)]
     found = {
         "map_against_odometry": _at_most(
             _difference(in_map, odometry, begins) / max(way, 1.0), settings.map_against_odometry
@@ -65,38 +64,59 @@ def quality_of(
         "keyframes_without_walls": _at_most(
             float(np.mean([count == 0 for count in walls_seen])), settings.keyframes_without_walls
         ),
-        "walls_per_keyframe": _at_least(float(np.mean(walls_seen)), settings.walls_per_keyframe),
+        "walls_per_keyframe": at_least(float(np.mean(walls_seen)), settings.walls_per_keyframe),
     }
     if len(known):
         found["position_sigma_m"] = _at_most(float(np.quantile(known, 0.95)), settings.position_sigma)
-    if T_bim_map is not None and standing is not None:
-        tilt = float(np.degrees(np.arccos(np.clip(T_bim_map[2, 2], -1.0, 1.0))))
-        found["plan_tilt_deg"] = _at_most(tilt, settings.plan_tilt)
-        positions = in_map.transformed(T_bim_map).positions
-        crossed = sum(walls_crossed(positions[own], standing) for own in _followed(uncertainty.anchored, begins))
-        found["planned_walls_crossed"] = _at_most(float(crossed), settings.planned_walls_crossed)
     return found
 
 
-def contradiction(quality: Quality) -> str | None:
-    """One line, of a run with a place in the plan where it cannot be; None of others."""
-    tilt, crossed = quality.get("plan_tilt_deg"), quality.get("planned_walls_crossed")
-    if crossed is not None and not crossed.ok:
-        what, name = f"the path crosses {crossed.value:.0f} walls that both have", "planned_walls_crossed"
-        accepted = crossed.value
-    elif tilt is not None and not tilt.ok:
-        what, name = f"it is tilted by {tilt.value:.1f} degrees in the map", "plan_tilt"
-        accepted = np.ceil(10 * tilt.value) / 10
-    else:
+def placed_signals(
+    quality: Quality, in_map: Trajectory, begins: list[int], uncertainty: ScanUncertainty, T_bim_map: Floats,
+    standing: SceneGraph, rays_through_walls: float,
+) -> dict[str, float]:  # fmt: skip
+    """The signals of a map with a place in the plan that tell whether it is sound.
+
+    Beside some of its quality, these are `plan_tilt_deg`, the angle between the verticals of plan and map, and of the
+    walls that are `standing`, those of the plan that the map has, `planned_walls_crossed`, at how many places its way
+    leads through them, and the share of `rays_through_walls`. A sliding door may be planned as a wall.
+    """
+    found = {name: own.value for name, own in quality.items() if name in LAPLACE}
+    positions = in_map.transformed(T_bim_map).positions
+    places = [walls_crossed(positions[own], standing) for own in _followed(uncertainty.anchored, begins)]
+    crossed = np.concatenate([np.empty((0, 2)), *places])
+    near = shapely.union_all(shapely.buffer(shapely.points(crossed), _APART / 2))
+    distinct = 0 if near.is_empty else int(shapely.get_num_geometries(near))
+    tilt = float(np.degrees(np.arccos(np.clip(T_bim_map[2, 2], -1.0, 1.0))))
+    of_plan = {"plan_tilt_deg": tilt, "planned_walls_crossed": float(distinct)}
+    return {**found, **of_plan, "rays_through_walls": rays_through_walls}
+
+
+def contradiction(probability: float, sound: Soundness, signals: Mapping[str, float], withdraw: float) -> str | None:
+    """One line, of a map whose place is not probable enough to keep; None of others."""
+    if probability >= withdraw:
         return None
-    return f"the map fits the plan, but {what}: the map is wrong; --set quality.{name}={accepted:g} accepts that"
+    name = min(sound.nats, key=lambda own: sound.nats[own])
+    what = {
+        "planned_walls_crossed": "the path crosses {:.0f} walls that both have",
+        "plan_tilt_deg": "it is tilted by {:.1f} degrees in the map",
+        "map_against_odometry": "the map differs from the odometry by {:.1%} of the way",
+        "rays_through_walls": "{:.1%} of its rays lead through walls that both have",
+        "position_sigma_m": "its positions have a standard deviation of {:.2f} m",
+    }[name].format(signals[name])
+    accepted = math.floor(1000 * probability) / 1000
+    return (
+        f"the map fits the plan, but {what}: the probability that it is right is {100 * probability:.1f} %; "
+        f"--set anchors.withdraw={accepted:g} accepts that"
+    )
 
 
 def _at_most(value: float, limit: float) -> Signal:
     return Signal(value, limit, bool(value <= limit))
 
 
-def _at_least(value: float, limit: float) -> Signal:
+def at_least(value: float, limit: float) -> Signal:
+    """A signal that is sound from its limit on."""
     return Signal(value, limit, bool(value >= limit))
 
 
@@ -118,21 +138,17 @@ def _followed(anchored: NDArray[np.bool_], begins: list[int]) -> list[NDArray[np
     return [piece for piece in np.split(own, cuts) if len(piece) > 1]
 
 
-def walls_crossed(way: Floats, a_graph: SceneGraph) -> int:
-    """Through how many planned walls a way (N, 3) in the BIM frame leads, elsewhere than at doors and openings."""
-    crossings = 0
+def walls_crossed(way: Floats, a_graph: SceneGraph) -> Floats:
+    """(N, 2) where a way (M, 3) in the BIM frame leads through planned walls, elsewhere than at doors and openings."""
+    crossings = []
     for storey, own in _by_storey(way, a_graph):
         solid = [line for wall in a_graph.wall_surfaces if wall.floor == storey for line in _solid(wall)]
         doors = shapely.MultiPoint([door.centroid for door in a_graph.doors])
         steps = shapely.linestrings(np.stack([own[:-1, :2], own[1:, :2]], axis=1))
-        walked = np.cumsum(np.linalg.norm(np.diff(own[:, :2], axis=0), axis=1))
-        last = -np.inf
         for k in np.unique(shapely.STRtree(solid).query(steps, predicate="intersects")[0]):
-            at_door = shapely.dwithin(doors, shapely.Point(own[k, :2]), _DOOR)  # False of a plan without doors
-            if walked[k] - last > _APART and not at_door:
-                crossings += 1
-            last = walked[k]
-    return crossings
+            if not shapely.dwithin(doors, shapely.Point(own[k, :2]), _DOOR):  # False of a plan without doors
+                crossings.append(own[k, :2])
+    return np.reshape(crossings, (-1, 2))
 
 
 def _by_storey(way: Floats, a_graph: SceneGraph) -> Iterator[tuple[str | None, Floats]]:

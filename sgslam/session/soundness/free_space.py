@@ -1,0 +1,45 @@
+"""Free space: how many of a map's rays lead through walls that both plan and map have.
+
+In a sound map at its place, walls are opaque. In one that is bent, or in which two places are mapped as one, scans look
+through the walls that others saw. A door that is closed later lets few rays through.
+"""
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from data import SceneGraph
+from sgslam.mapping import KeyframeClouds
+
+Floats = NDArray[np.float64]
+_KEYFRAMES, _RAYS = 80, 150  # that are looked at, evenly spaced
+_BEYOND = 0.4  # m beyond a wall from which on a ray leads through it
+_NEAR = 0.3  # m from the sensor within which a wall tells nothing: it may stand in a door
+
+
+def share_through_walls(poses: Floats, keyframes: list[int], clouds: KeyframeClouds, standing: SceneGraph) -> float:
+    """The share of the rays of keyframes, at T_bim_sensor `poses` (K, 4, 4), that lead through `standing` walls."""
+    floors = sorted((f.elevation, f.id) for f in standing.floors if f.elevation is not None)
+    elevations = np.array([elevation for elevation, _ in floors])
+    lines: dict[str | None, list[Floats]] = {}
+    for wall in standing.wall_surfaces:
+        centre, left = np.array(wall.centroid), np.array([-wall.normal[1], wall.normal[0]])
+        own = [np.stack([centre + a * left, centre + b * left]) for _, a, b, whole in wall.parts if whole and a < b]
+        lines.setdefault(wall.floor, []).extend(own)
+    trees = {floor: shapely.STRtree(shapely.linestrings(np.stack(own))) for floor, own in lines.items() if own}
+    through = total = 0
+    for k in np.unique(np.linspace(0, len(poses) - 1, min(len(poses), _KEYFRAMES)).astype(int)).tolist():
+        points, T = clouds[keyframes[k]], poses[k]
+        below = int(np.searchsorted(elevations, T[2, 3], side="right")) - 1
+        tree = trees.get(floors[max(below, 0)][1] if floors else None)
+        if not len(points) or tree is None:
+            continue
+        points = points[:: -(-len(points) // _RAYS)]
+        rays = (points @ T[:3, :3].T)[:, :2]
+        length = np.hypot(*rays.T)
+        rays, length = rays[length > _NEAR + _BEYOND], length[length > _NEAR + _BEYOND]
+        begin, end = (T[:2, 3] + rays * (at / length)[:, None] for at in (np.full(len(rays), _NEAR), length - _BEYOND))
+        met = tree.query(shapely.linestrings(np.stack([begin, end], axis=1)), predicate="intersects")[0]
+        through += len(np.unique(met))
+        total += len(rays)
+    return through / max(total, 1)
