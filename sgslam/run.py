@@ -155,11 +155,11 @@ def _print_summary(metrics: dict[str, Any], out: Path) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from sgslam.report.tables import accuracy_rows, badge, known_rows, relocalised, stages_and_total
+    from sgslam.report.tables import accuracy_rows, badge, known_rows, place_rows, relocalised, stages_and_total
 
     table = Table(show_header=False, title=badge(metrics))
     rows = {"reason": metrics["reason"], "quality of the map": _quality(metrics["quality"])}
-    rows |= dict(known_rows(metrics))
+    rows |= dict(place_rows(metrics)) | dict(known_rows(metrics))
     rows["scans"] = f"{metrics['scans']} ({metrics['scans_skipped']} skipped), {metrics['keyframes']} keyframes"
     rows["tracking"] = ", ".join(f"{count} {health}" for health, count in metrics["tracked"].items())
     floors = "1 floor" if metrics["floors"] == 1 else f"{metrics['floors']} floors"

@@ -190,6 +190,14 @@ class SceneGraphSlam:
         return not self._map.plan_is_prior and self._map.placed
 
     @property
+    def place_probabilities(self) -> tuple[float, float]:
+        """The probability of the map's best place in its plan when it was last matched, and that of the runner-up."""
+        anchoring = self._map.anchoring
+        found = () if anchoring is None else anchoring.posterior.places
+        best, other = (*(place.probability for place in found[:2]), 0.0, 0.0)[:2]
+        return best, other
+
+    @property
     def T_bim_map(self) -> Floats | None:  # noqa: N802
         """(4, 4) the current pose of the map in the BIM frame; None while it is not anchored."""
         return self._map.T_bim_map

@@ -104,9 +104,8 @@ class FloorMatching(Stateful):
     def placed_at(self, chosen: Place, scene: Scene, walls: WallMap) -> PlacedMatch | None:
         """The newest answer at a chosen one of its places; None if its walls do not agree there."""
         assert self.match is not None
-        reason = f"{self.match.reason}; its probability is {_percent(chosen.probability)}"
         storey = self._plan.storey(chosen.floor)
-        match = match_at(chosen, self.match, scene.graph, storey, self._settings, reason)
+        match = match_at(chosen, self.match, scene.graph, storey, self._settings)
         by_id, origin = self._plan.a_graph.surface_by_id, self._plan.origin[:2]
         pairs = [(scene.graph.surface_by_id[s], by_id[a_id]) for s, a_id, _ in match.wall_surfaces]
         rough = np.array(chosen.T_a_s) - np.array([0.0, *origin])
@@ -142,9 +141,4 @@ class FloorMatching(Stateful):
         if self.possible_storeys and favoured not in self.possible_storeys:
             return HEIGHT_REASON
         best = posterior.places[0].probability
-        return f"the best place has a probability of {_percent(best)}, less than {_percent(self._settings.commit)}"
-
-
-def _percent(probability: float) -> str:
-    """Without more digits than tell it from certainty."""
-    return f"{100 * probability:.1f} %" if probability < 0.9995 else "over 99.9 %"
+        return f"the best place has a probability of {best:.1%}, less than {self._settings.commit:.1%}"

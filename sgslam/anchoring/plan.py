@@ -56,9 +56,7 @@ class Plan:
         return np.asarray(place + np.array([0.0, *self.origin[:2]]))
 
 
-def match_at(
-    place: Place, match: MatchResult, s: SceneGraph, a: SceneGraph, settings: AnchorSettings, reason: str
-) -> MatchResult:
+def match_at(place: Place, match: MatchResult, s: SceneGraph, a: SceneGraph, settings: AnchorSettings) -> MatchResult:
     """The unique answer that the S-graph lies at a `place` among the hypotheses of `match`.
 
     Where it is not the first of them, walls are paired with those of the storey `a` by position.
@@ -66,7 +64,7 @@ def match_at(
     own = match.T_a_s == place.T_a_s and match.floor == place.floor
     walls = match.wall_surfaces if own else _pairs(s, a, np.array(place.T_a_s), place.probability, settings)
     return replace(
-        match, status="unique", reason=reason, rooms=match.rooms if own else (), wall_surfaces=walls,
+        match, status="unique", rooms=match.rooms if own else (), wall_surfaces=walls,
         T_a_s=place.T_a_s, floor=place.floor,
     )  # fmt: skip
 

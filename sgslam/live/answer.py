@@ -28,7 +28,8 @@ class Answer:
     None before the first.
 
     `keyframes` is the number of keyframes in the map. `waiting` is the number of scans that are tracked and wait for
-    the map, this one included. `seconds` is the time from the call to the answer.
+    the map, this one included. `seconds` is the time from the call to the answer. `place` is the probability of the
+    map's best place in the plan when it was last matched, and that of the runner-up.
     """
 
     stamp_ns: int
@@ -42,6 +43,7 @@ class Answer:
     keyframes: int
     waiting: int
     seconds: float
+    place: tuple[float, float] = (0.0, 0.0)
 
     @property
     def T_map_sensor(self) -> Floats:  # noqa: N802
@@ -66,6 +68,7 @@ class Answer:
             "T_odom_sensor": _pose(self.T_odom_sensor), "T_map_odom": _pose(self.T_map_odom),
             "T_bim_sensor": _pose(self.T_bim_sensor), "tight": states.count("tight"), "loose": states.count("loose"),
             "keyframes": self.keyframes, "part": self.part, "waiting": self.waiting, "map_stamp_ns": self.map_stamp_ns,
+            "place_probability": round(self.place[0], 5), "runner_up": round(self.place[1], 5),
             "seconds": round(self.seconds, 4),
         }  # fmt: skip
 

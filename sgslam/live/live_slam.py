@@ -145,4 +145,5 @@ class LiveSlam:
             stamp_ns, self._T_odom_sensor, known.T_map_odom if is_this else np.eye(4),
             known.T_bim_map if is_this else None, self._health, (known.anchors or ()) if is_this else (),
             known.map_stamp_ns, self._side.tracking.part, known.keyframes, self._map.waiting, seconds,
+            known.place if is_this else (0.0, 0.0),
         )  # fmt: skip

@@ -22,6 +22,17 @@ def thousands(value: int | None) -> str:
     return NOTHING if value is None else f"{value:,}"
 
 
+def percent(probability: float) -> str:
+    """A probability, never as certain."""
+    return (
+        f"{100 * probability:.1f} %"
+        if 0.0005 <= probability < 0.9995
+        else "over 99.9 %"
+        if probability > 0.5
+        else "under 0.1 %"
+    )
+
+
 def metres(value: float | None) -> str:
     """A length, in mm below 1 m."""
     if value is None or not math.isfinite(value):

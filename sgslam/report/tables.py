@@ -12,7 +12,7 @@ from sgslam.as_built.deviation_bands import degrees, signed_mm
 from sgslam.report.contents import ReportData, entered_unmatched, path_length, split_by_floor
 from sgslam.report.elements import element_name
 from sgslam.report.hypothesis_plans import hypothesis_texts
-from sgslam.report.number_formats import NO_PLAN, NOTHING, metres, seconds, signal_texts, thousands
+from sgslam.report.number_formats import NO_PLAN, NOTHING, metres, percent, seconds, signal_texts, thousands
 
 LARGEST = 30  # deviations in the table
 
@@ -39,6 +39,7 @@ def summary_rows(data: ReportData) -> list[tuple[str, str]]:
     rows = [
         ("Scans", f"{thousands(m.get('scans'))} ({thousands(m.get('scans_skipped'))} skipped)"),
         *([("Tracking", _tracking(m["tracked"]))] if m.get("tracked") else []),
+        *place_rows(m),
         *known_rows(m),
         *_not_known(data),
         ("Distance travelled", f"{path_length(data.trajectory_map.positions):.1f} m"),
@@ -86,6 +87,18 @@ def known_rows(metrics: dict[str, Any]) -> list[tuple[str, str]]:
         return []
     whose = "anchored positions" if metrics.get("anchored") else "positions"
     return [(f"95 % of the {whose}", f"have a standard deviation of at most {metres(signal['value'])}")]
+
+
+def place_rows(metrics: dict[str, Any]) -> list[tuple[str, str]]:
+    """How probable the map's place in the plan is, in one row; none without a plan."""
+    place = metrics.get("place")
+    if place is None:
+        return []
+    parts = {name: place[name] for name in ("runner_up", "mirrored", "outside")} | {"unsound": 1 - place["sound"]}
+    named = {"runner_up": "the next best", "mirrored": "that it is mirrored", "outside": "none of the places",
+             "unsound": "that the map is not sound"}  # fmt: skip
+    others = [f"{named[name]} {percent(value)}" for name, value in parts.items() if value >= 0.0005]
+    return [("Probability of the place", "; ".join([percent(place["probability"]), *others]))]
 
 
 def relocalised(outcome: dict[str, Any]) -> str:

@@ -41,7 +41,8 @@ class MapInputs:
 @dataclass(frozen=True, eq=False)
 class MapState:
     """The state of the map after so many `scans`; the names are those of `Answer`. `anchors` None: as before.
-    `checkpoint_s` is how long the last checkpoint took. `failed` says why no more scans are added."""
+    `checkpoint_s` is how long the last checkpoint took. `failed` says why no more scans are added.
+    `place` is the probability of the best place in the plan, and that of the runner-up."""
 
     scans: int = 0
     part: int = 0
@@ -52,3 +53,4 @@ class MapState:
     keyframes: int = 0
     checkpoint_s: float = 0.0
     failed: str | None = None
+    place: tuple[float, float] = (0.0, 0.0)

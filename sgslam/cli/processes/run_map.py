@@ -61,7 +61,7 @@ class RunMap:
         self._anchors = anchors
         return MapState(
             self._mapped, slam.kidnaps, slam.T_map_odom, slam.T_bim_map, anchors if changed else None,
-            slam.newest_mapped_ns, slam.keyframes, self._checkpoint_s, self._failed,
+            slam.newest_mapped_ns, slam.keyframes, self._checkpoint_s, self._failed, slam.place_probabilities,
         )  # fmt: skip
 
     def set_start(self, pose: Pose2) -> None:
