@@ -2,6 +2,7 @@
 
 import logging
 from dataclasses import dataclass
+from inspect import signature
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,7 +122,9 @@ class FloorMatching(Stateful):
         plan = self._plan.storey(self.storey)
         if not self._plan.partial:
             return self._matcher.match(s, plan)
-        return self._matcher.match(s, plan, partial=True)  # type: ignore[call-arg]  # only our own know partial plans
+        if "partial" not in signature(self._matcher.match).parameters:
+            return MatchResult("none", "the matcher does not know plans that lack rooms (`partial`)")
+        return self._matcher.match(s, plan, partial=True)  # type: ignore[call-arg]
 
     def _why_not(self) -> str:
         """Why an answer that is unique for the matcher is not sure; empty where its own reason says it."""
