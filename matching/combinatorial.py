@@ -380,9 +380,8 @@ class CombinatorialMatcher:
     """Matches by exhaustive search."""
 
     def match(
-        self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None,
-        partial: bool = False,
-    ) -> MatchResult:  # fmt: skip
+        self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
+    ) -> MatchResult:
         """See `Matcher.match`. Confidences are the solution's consistency divided by the number of solutions: of
         several, the first found is as good as any."""
         began = time.perf_counter()

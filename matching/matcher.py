@@ -57,9 +57,8 @@ class Matcher:
         return Matcher(methods[name]())
 
     def match(
-        self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None,
-        partial: bool = False,
-    ) -> MatchResult:  # fmt: skip
+        self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
+    ) -> MatchResult:
         """Finds the place of an S-graph in an A-graph.
 
         Args:
@@ -68,8 +67,6 @@ class Matcher:
             floor: The id of the only A floor to search; None searches all.
             start: A rough pose (yaw, x, y) of the map's origin in the BIM frame, in radians and metres, in the order
                 of `T_a_s`. Placements more than 3 m or 60 degrees away from it are dropped.
-            partial: Whether the A-graph may lack rooms, as the map of an earlier run does. An answer then needs more
-                evidence, since the true place may not be there. `learned` and `voting` only.
 
         Returns:
             The match. `T_a_s` is (yaw, x, y) in radians and metres: p_a = R(yaw) p_s + (x, y). Rely on it only if the
@@ -82,7 +79,7 @@ class Matcher:
         for what, graph in (("S-graph", s), ("A-graph", a)):
             if (wrong := implausible(graph)) is not None:
                 return MatchResult("none", f"{what}: {wrong}")
-        return self._method.match(s, a, floor=floor, start=start, partial=partial)
+        return self._method.match(s, a, floor=floor, start=start)
 
 
 def _voting() -> Method:

@@ -32,9 +32,8 @@ class GeometricMatcher:
         self._plan = PlanCache(PlanWalls.of)
 
     def match(
-        self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None,
-        partial: bool = False,
-    ) -> MatchResult:  # fmt: skip
+        self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
+    ) -> MatchResult:
         """See `Matcher.match`."""
         began = time.perf_counter()
         plan = self._plan(a) if floor is None else PlanWalls.of(a, floor)
@@ -45,7 +44,7 @@ class GeometricMatcher:
 
         found = search(scene, self._propose and self._propose(s, a, scene), allowed)
         if len(found):
-            return answer(found, began, partial, start is not None)
+            return answer(found, began, start is not None)
         near = "" if start is None else " near the start that was given (its yaw is in radians)"
         reason = f"no wall corner of the map matches one in the plan{near}"
         return MatchResult("none", reason, seconds=time.perf_counter() - began)
@@ -57,14 +56,14 @@ def among(proposals: TopK, plan: PlanWalls) -> TopK:
     return TopK(partner, np.where(partner >= 0, proposals.score, 0.0))
 
 
-def answer(found: Hypotheses, began: float, partial: bool = False, near_start: bool = False) -> MatchResult:
-    """Returns the result of hypotheses, best first; at least one. `partial`, `near_start`: see `verify`."""
+def answer(found: Hypotheses, began: float, near_start: bool = False) -> MatchResult:
+    """Returns the result of hypotheses, best first; at least one. `near_start`: see `verify`."""
     s = found.scene.s
     pairs, of = assign(found, 0), shipped()
     # A room of a map that deforms may lie on its neighbour of the plan: only what is sure is named.
     named = zip(pairs.rooms, of.of_rooms(room_signs(found, pairs.rooms)), strict=True)
     pairs = Pairs(tuple((r, q, known) for (r, q, _), known in named if known >= SURE), pairs.surfaces)
-    verdict = verify(found, pairs, partial, near_start)
+    verdict = verify(found, pairs, near_start)
     hypotheses, listed = [], found[np.arange(min(len(found), LISTED))]
     now = judge(found.scene, listed.table, listed.fields.state, SIGMA_SCORE)
     for k, home in enumerate(homes(found.scene, listed.table, now.quality).tolist()):

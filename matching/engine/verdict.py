@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -29,18 +28,22 @@ MOST_LOG_ODDS = 50.0
 
 
 @dataclass(frozen=True)
-class PlaceModel:
-    """The posterior of places in a plan; evidence is in nats.
+class Calibration:
+    """Models of probabilities; evidence is in nats.
 
     `place` are the coefficients of the log odds that the map is in the plan: of the best hypothesis' evidence for each
     wall of the map, of the logarithms of the number of these walls and of the number of places in the plan, and a
     constant (J. Platt: Probabilistic outputs for support vector machines, 1999).
     `separation` (a, b, c): hypotheses are as likely as a softmax of their evidence over a + b times the number of
     unexplained walls + c times the evidence of the best says: at another place as much may differ from the plan.
+    `room` are the coefficients of the log odds of a room pair at the right place: of its `room_signs`, and a constant.
+    `surface` (offset, slope): those of a surface pair in the log odds of its share among what stood to choose.
     """
 
     place: tuple[float, float, float, float]
     separation: tuple[float, float, float]
+    room: tuple[float, float, float, float]
+    surface: tuple[float, float]
 
     def in_plan(self, signs: "Signs") -> float:
         """The probability that the map is in the plan."""
@@ -57,22 +60,6 @@ class PlaceModel:
         nats = np.array(signs.evidence) / self.temperature(signs)
         likely = np.exp(np.maximum(nats - nats.max(), -MOST_LOG_ODDS))
         return np.asarray(likely / likely.sum())
-
-
-@dataclass(frozen=True)
-class Calibration:
-    """Models of probabilities.
-
-    `plan`: of a whole plan, which may lack walls. `partial`: of a plan that lacks rooms, such as the map of an earlier
-    run. `room` are the coefficients of the log odds of a room pair at the right place: of its `room_signs`, and a
-    constant. `surface` (offset, slope): those of a surface pair in the log odds of its share among what stood to
-    choose.
-    """
-
-    plan: PlaceModel
-    partial: PlaceModel
-    room: tuple[float, float, float, float]
-    surface: tuple[float, float]
 
     def of_rooms(self, signs: Array) -> list[float]:
         """The probabilities of room pairs with `room_signs` (R, 3), given that the place is right."""
@@ -93,12 +80,7 @@ def probability(log_odds: float) -> float:
 def shipped() -> Calibration:
     """The calibration that comes with the package."""
     stored = json.loads(SHIPPED.read_text(encoding="utf-8"))
-
-    def model(of: dict[str, Any]) -> PlaceModel:
-        return PlaceModel(tuple(of["place"]), tuple(of["separation"]))
-
-    room, surface = tuple(stored["room"]), tuple(stored["surface"])
-    return Calibration(model(stored["plan"]), model(stored["partial"]), room, surface)  # type: ignore[arg-type]
+    return Calibration(**{name: tuple(stored[name]) for name in ("place", "separation", "room", "surface")})
 
 
 @dataclass(frozen=True)
@@ -136,12 +118,10 @@ class Signs:
         return Signs(tuple(found.score.tolist()), share * len(s), float(np.log(len(s))), places)
 
 
-def verify(found: Hypotheses, pairs: Pairs, partial: bool = False, near_start: bool = False) -> Verdict:
-    """Returns the verdict on hypotheses, best first, at least one; `pairs` are the matches of the first.
-
-    `partial`: the plan may lack rooms. `near_start`: a start was given, and they were looked for only there.
-    """
-    signs, model = Signs.of(found, near_start), shipped().partial if partial else shipped().plan
+def verify(found: Hypotheses, pairs: Pairs, near_start: bool = False) -> Verdict:
+    """Returns the verdict on hypotheses, best first, at least one; `pairs` are the matches of the first. `near_start`:
+    a start was given, and they were looked for only there."""
+    signs, model = Signs.of(found, near_start), shipped()
     own, in_plan, among = matched(pairs, len(found.scene.s)), model.in_plan(signs), model.among(signs)
     probabilities = tuple((in_plan * among).tolist())
     if probabilities[0] >= SURE:

@@ -54,9 +54,8 @@ class PaperMatcher:
     network: PaperNetwork
 
     def match(
-        self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None,
-        partial: bool = False,
-    ) -> MatchResult:  # fmt: skip
+        self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
+    ) -> MatchResult:
         """See `Matcher.match`. The status is `unique` wherever there is a pair, since the method cannot reject a match.
 
         Confidences are the entries of the soft assignment. The method allows a room to be matched to a wall surface;

@@ -1,7 +1,7 @@
 """`python -m matching.training.calibrate`: fits the verdict and all confidences to maps of known truth.
 
 Maps are drawn from generated plans of the training split and matched by the proposals of `voting`, so that neither
-weights nor files are needed. Some are of another plan; some plans lack walls, others rooms. The command is
+weights nor files are needed. Some are of another plan, and some plans lack walls. The command is
 deterministic up to the last bits of floating point numbers.
 """
 
@@ -23,7 +23,7 @@ from matching.engine.assignment import Pairs, assign
 from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
 from matching.engine.room_signs import room_signs
-from matching.engine.verdict import SHIPPED, Calibration, PlaceModel, Signs
+from matching.engine.verdict import SHIPPED, Calibration, Signs
 from matching.training.data import Split, generated, seeds_of
 
 KINDS = ("apartment", "office", "corridor", "l_shape", "skewed", "mirrored_twins", "tower")
@@ -37,8 +37,7 @@ REGIMES = {
     "partial": 0.2,
 }  # shares of the maps; another plan of the same
 # kind is alike in parts
-THINNED, PARTIAL = (0.2, 0.6), (0.2, 0.8)  # shares of the walls that a plan lacks, and of the rooms that one has
-OF_PLAN, OF_PARTIAL = ("whole", "foreign", "thinned"), ("partial", "foreign")
+THINNED = 0.2, 0.6  # shares of the walls that a plan lacks
 FOREIGN = 0.05  # probability beforehand that the plan is of another building: users rarely mistake it
 RIGHT = 0.8  # of a hypothesis' wall pairs, by number, that are true, or
 RIGHT_M, RIGHT_RAD = 1.0, float(np.radians(5))  # how near it is to the true place
@@ -86,7 +85,7 @@ def answers_on(count: int, seed: int, split: Split = "train") -> Iterator[Answer
         plan, other = (generated(kind, int(rng.choice(seeds[kind]))).graph for _ in range(2))
         rooms = ROOMS[int(rng.integers(len(ROOMS)))]
         drawn = draw(other if regime == "foreign" else plan, str(rng.choice(NOISE)), rng, rooms)
-        walls = PlanWalls.of({"thinned": _thinned, "partial": _partial}.get(regime, _whole)(plan, rng))
+        walls = PlanWalls.of(_thinned(plan, rng) if regime == "thinned" else plan)
         if (regime == "foreign" and other is plan) or walls is None:
             continue
         found = search(scene_of(drawn.s_graph, walls))
@@ -95,27 +94,10 @@ def answers_on(count: int, seed: int, split: Split = "train") -> Iterator[Answer
             yield _answer(found, drawn, regime)
 
 
-def _whole(plan: SceneGraph, rng: np.random.Generator) -> SceneGraph:
-    return plan
-
-
 def _thinned(plan: SceneGraph, rng: np.random.Generator) -> SceneGraph:
     """The plan without some of its walls."""
     kept = rng.random(len(plan.wall_surfaces)) >= rng.uniform(*THINNED)
     return replace(plan, wall_surfaces=tuple(w for w, keep in zip(plan.wall_surfaces, kept, strict=True) if keep))
-
-
-def _partial(plan: SceneGraph, rng: np.random.Generator) -> SceneGraph:
-    """The rooms of the plan that are nearest to one of them."""
-    centre = np.array([room.centroid for room in plan.rooms])
-    near = np.argsort(np.linalg.norm(centre - centre[rng.integers(len(centre))], axis=1))
-    rooms = [plan.rooms[k] for k in near[: max(1, round(rng.uniform(*PARTIAL) * len(near)))]]
-    ids = {room.id for room in rooms}
-    doors = [replace(door, rooms=tuple(r for r in door.rooms if r in ids)) for door in plan.doors]
-    return replace(
-        plan, rooms=tuple(rooms), wall_surfaces=tuple(w for w in plan.wall_surfaces if w.room in ids),
-        doors=tuple(door for door in doors if door.rooms),
-    )  # fmt: skip
 
 
 def _answer(found: Hypotheses, truth: DrawnGraph, regime: str) -> Answer:
@@ -153,38 +135,28 @@ def _surfaces(found: Hypotheses, k: int, pairs: Pairs, truth: DrawnGraph) -> tup
 
 def fit(answers: Sequence[Answer]) -> Calibration:
     """Fits all models by maximum likelihood."""
-    plan, partial = (
-        _place_model([answer for answer in answers if answer.regime in regimes]) for regimes in (OF_PLAN, OF_PARTIAL)
-    )
-    rooms = [pair for a in answers for pair in a.rooms]
-    room = _logistic(np.array([signs for signs, _ in rooms]), np.array([true for _, true in rooms]))
-    return Calibration(plan, partial, _rounded(room), _rounded(_of_shares([p for a in answers for p in a.surfaces])))
-
-
-def _place_model(answers: Sequence[Answer]) -> PlaceModel:
     found = [a for a in answers if any(a.right)]
 
     def loss(scale: Array) -> float:
         known = np.exp([-_surprise(a, np.exp(scale)) for a in found])
         return -float(np.mean(np.log((1 - MISLABELLED) * known + MISLABELLED)))
 
-    separation = np.exp(minimize(loss, np.log(SEPARATION), method="Nelder-Mead").x)
-    begun = PlaceModel(START, _rounded(separation))
+    separation = _rounded(np.exp(minimize(loss, np.log(SEPARATION), method="Nelder-Mead").x))
+    begun = Calibration(START, separation, START, START[:2])
     apart = [a for a in answers if begun.among(a.signs)[0] > APART]
     foreign = np.array([a.regime == "foreign" for a in answers])
     weight = {True: FOREIGN / foreign.mean(), False: (1 - FOREIGN) / (1 - foreign.mean())}
     weights = np.array([weight[a.regime == "foreign"] for a in apart])
-    return replace(
-        begun,
-        place=_rounded(
-            _logistic(np.array([a.signs.features for a in apart]), np.array([a.right[0] for a in apart]), weights)
-        ),
-    )
+    place = logistic(np.array([a.signs.features for a in apart]), np.array([a.right[0] for a in apart]), weights)
+    rooms = [pair for a in answers for pair in a.rooms]
+    room = logistic(np.array([signs for signs, _ in rooms]), np.array([true for _, true in rooms]))
+    surface = _of_shares([pair for a in answers for pair in a.surfaces])
+    return Calibration(_rounded(place), separation, _rounded(room), _rounded(surface))
 
 
 def _surprise(answer: Answer, separation: Array) -> float:
     """Minus the logarithm of the probability of the right hypotheses."""
-    scale = PlaceModel(START, tuple(separation.tolist())).temperature(answer.signs)
+    scale = Calibration(START, tuple(separation.tolist()), START, START[:2]).temperature(answer.signs)
     evidence = np.array(answer.signs.evidence[: len(answer.right)]) / scale
     return float(np.logaddexp.reduce(evidence) - np.logaddexp.reduce(evidence[np.array(answer.right)]))
 
@@ -196,10 +168,10 @@ def _rounded(of: Array) -> Any:
 def _of_shares(pairs: Sequence[tuple[float, bool]]) -> Array:
     """(2,) offset and slope of the log odds in those of the share."""
     share, true = np.clip([c for c, _ in pairs], 1e-9, 1 - 1e-9), np.array([t for _, t in pairs])
-    return _logistic(np.log(share / (1 - share))[:, None], true)[::-1]
+    return logistic(np.log(share / (1 - share))[:, None], true)[::-1]
 
 
-def _logistic(features: Array, true: Array, weights: Array | float = 1.0) -> Array:
+def logistic(features: Array, true: Array, weights: Array | float = 1.0) -> Array:
     """(features + 1,) coefficients and constant of a logistic regression with a ridge, on (N, features) with (N,)
     weights."""
     mean, deviation = features.mean(axis=0), features.std(axis=0)

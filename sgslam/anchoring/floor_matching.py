@@ -2,7 +2,6 @@
 
 import logging
 from dataclasses import dataclass
-from inspect import signature
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +9,10 @@ from numpy.typing import NDArray
 from data import SceneGraph
 from data.scene_graph.motion import mirrored
 from matching.result import AnyMatcher, MatchResult
-from sgslam.anchoring.place_posterior import Place, PlacePosterior, place_posterior
+from sgslam.anchoring.free_space_conflict import conflict_share
+from sgslam.anchoring.place_posterior import Place, PlacePosterior, in_known_map, place_posterior
 from sgslam.anchoring.plan import Plan, match_at
+from sgslam.anchoring.soundness import known_map
 from sgslam.anchoring.wall_alignment import place_from_match
 from sgslam.config import AnchorSettings
 from sgslam.mapping import Scene, WallMap
@@ -81,11 +82,10 @@ class FloorMatching(Stateful):
         self.match, self.scene, self._asked_at = self._matched(s), scene, len(s.keyframes)
         self.count += 1
         _log.info("match %d, of %d rooms: %s, %s", self.count, len(s.rooms), self.match.status, self.match.reason)
-        known = self._stated, self.possible_storeys
-        self.posterior = place_posterior(self.match, None, *known)
+        self.posterior = self._posterior(self.match, None, s)
         if last or self.is_sure:
             image = self._matched(mirrored(s))
-            self.posterior = place_posterior(self.match, image, *known)
+            self.posterior = self._posterior(self.match, image, s)
         self.rejection = self._why_not()
         if self.rejection:
             _log.info("match %d is rejected: %s", self.count, self.rejection)
@@ -119,12 +119,15 @@ class FloorMatching(Stateful):
         return PlacedMatch(match, place)
 
     def _matched(self, s: SceneGraph) -> MatchResult:
-        plan = self._plan.storey(self.storey)
-        if not self._plan.partial:
-            return self._matcher.match(s, plan)
-        if "partial" not in signature(self._matcher.match).parameters:
-            return MatchResult("none", "the matcher does not know plans that lack rooms (`partial`)")
-        return self._matcher.match(s, plan, partial=True)  # type: ignore[call-arg]
+        return self._matcher.match(s, self._plan.storey(self.storey))
+
+    def _posterior(self, match: MatchResult, image: MatchResult | None, s: SceneGraph) -> PlacePosterior:
+        found = place_posterior(match, image, self._stated, self.possible_storeys)
+        if not self._plan.partial or not found.places:
+            return found
+        best = found.places[0]
+        conflict = conflict_share(s, self._plan.storey(best.floor), np.array(best.T_a_s))
+        return in_known_map(found, conflict, known_map())
 
     def _why_not(self) -> str:
         """Why an answer that is unique for the matcher is not sure; empty where its own reason says it."""

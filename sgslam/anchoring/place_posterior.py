@@ -5,7 +5,7 @@ stated, those that the heights between the floors allow, how well the mirror ima
 """
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +18,7 @@ from sgslam.anchoring.storey_hypotheses import Assignment
 
 Floats = NDArray[np.float64]
 APART = 1.0, np.radians(5)  # m and rad from which on two places of a map differ
+MOST_NATS = 12.0  # of a place before all others: beyond, it is certain that none of them is right
 # prior probabilities
 _MIRRORED = 0.003  # that scans were recorded mirrored or upside down
 _MISSTATED = 0.001  # that a storey that the user states, or that the heights leave, is another one
@@ -80,6 +81,29 @@ def place_posterior(
     total = none + mirrored + sum(place.probability for place in places)
     places = [replace(place, probability=place.probability / max(total, 1e-12)) for place in places]
     return PlacePosterior(tuple(sorted(places, key=lambda p: -p.probability)), mirrored / max(total, 1e-12))
+
+
+def in_known_map(posterior: PlacePosterior, conflict: float, model: Sequence[float]) -> PlacePosterior:
+    """The posterior in the map of an earlier run, which may lack the true place and have one that looks like it.
+
+    The best place is as probable as a logistic `model` (3,) says: of the nats by which it leads all others, of the root
+    of the share of walls in `conflict` with free space there, and a constant. How much the map explains says nothing.
+    """
+    if not posterior.places:
+        return posterior
+    best = posterior.places[0]
+    nats = lead([place.probability for place in posterior.places])
+    log_odds = model[0] * nats + model[1] * math.sqrt(conflict) + model[2]
+    known = (1 - posterior.mirrored) / (1 + math.exp(-log_odds))
+    rest = (1 - known - posterior.mirrored) / max(1 - best.probability - posterior.mirrored, 1e-12)
+    lesser = (replace(place, probability=rest * place.probability) for place in posterior.places[1:])
+    return PlacePosterior((replace(best, probability=known), *lesser), posterior.mirrored)
+
+
+def lead(probabilities: Sequence[float]) -> float:
+    """The nats by which the first of some places leads all others together."""
+    others = sum(probabilities[1:]) / max(sum(probabilities), 1e-12)
+    return -math.log(max(others, math.exp(-MOST_NATS)))
 
 
 def joint_posterior(

@@ -59,6 +59,12 @@ def _log_density(name: str, value: float, model: Model) -> float:
 
 
 @cache
+def known_map() -> tuple[float, ...]:
+    """The model of `in_known_map` that comes with the package."""
+    return tuple(json.loads(FILE.read_text(encoding="utf-8"))["known_map"])
+
+
+@cache
 def shipped() -> SoundnessModel:
     """The model that comes with the package."""
     stored = json.loads(FILE.read_text(encoding="utf-8"))

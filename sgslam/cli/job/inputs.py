@@ -25,11 +25,11 @@ class MatcherWithStart:
     def __init__(self, matcher: Any, start: Start | None) -> None:
         self._matcher, self.start = matcher, start
 
-    def match(self, s: SceneGraph, a: SceneGraph, partial: bool = False) -> Any:
+    def match(self, s: SceneGraph, a: SceneGraph) -> Any:
         if self.start is None:
-            return self._matcher.match(s, a, partial=partial)
+            return self._matcher.match(s, a)
         x, y, yaw = self.start
-        return self._matcher.match(s, a, start=(yaw, x, y), partial=partial)
+        return self._matcher.match(s, a, start=(yaw, x, y))
 
 
 @dataclass(frozen=True, eq=False)
