@@ -18,7 +18,6 @@ def test_a_floor_takes_its_place_from_another_and_from_its_height(base: str) -> 
     own = Anchored(storeys(0.6), two_floors())
     anchoring = own.anchoring
     assert anchoring.reason == "too little was seen to try a match" and anchoring.committed is None
-    assert not anchoring.awaits_confirmation
     one = own.update()
     assert own.storeys == [base, "storey 1"]
     assert not anchoring.of(0).commitment.follows and anchoring.of(1).commitment.follows
