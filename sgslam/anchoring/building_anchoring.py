@@ -44,6 +44,7 @@ class BuildingAnchoring:
         self._start = start
         self._of: dict[int, FloorAnchoring] = {}
         self._possible: list[Assignment] | None = None
+        self._joint: Assignment = {}  # the storeys that all floors together made sure; empty without a place by them
 
     def of(self, number: int) -> FloorAnchoring:
         """The anchoring of one floor of the S-graph."""
@@ -53,11 +54,12 @@ class BuildingAnchoring:
 
     def state(self) -> dict[str, Any]:
         """Returns the state as a tree (see `state_tree`)."""
-        return {"of": {number: own.state() for number, own in self._of.items()}}
+        return {"of": {number: own.state() for number, own in self._of.items()}, "joint": self._joint}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Restores what `state` returned."""
         self._of.clear()
+        self._joint = state["joint"]
         for number, of_floor in state["of"].items():
             self.of(number).restore(of_floor)
 
@@ -113,9 +115,11 @@ class BuildingAnchoring:
         their places from it and from their height above it. Where the heights fit no storeys, since the odometry
         slipped on the stairs, each needs an answer of its own, at the same place in plan view.
         """
-        self._restrict_storeys(floors)
         cut, found = _with_scenes(floors), []
         base = self.committed
+        if base is None:
+            self._joint = {}
+        self._restrict_storeys(floors)
         for floor, scene in cut:
             own = self.of(floor.number)
             if base is None or own.committed is not None or self._heights_slipped:
@@ -127,15 +131,18 @@ class BuildingAnchoring:
                 base = self.committed
         if base is None and len(cut) > 1:
             self._match_jointly(cut)
+            self._restrict_storeys(floors)
         elif base is not None and T_map_local is not None and not self._heights_slipped:
             self._propagate(base, cut, T_map_local)
         return merged(found) if found else None
 
     def _restrict_storeys(self, floors: Floors) -> None:
-        """Restricts each floor to the storeys that the heights between the floors allow."""
+        """Restricts each floor to the storeys that the heights between the floors allow, and all floors together."""
         first = floors.maps[0].walls.T_level_map[2, 3]
         heights = {f.number: float(first - f.walls.T_level_map[2, 3]) for f in floors.maps}
         self._possible = assignments(heights, self._plan.a_graph.floors, self._start)
+        joint = [a for a in self._possible or () if self._joint.items() <= a.items()]
+        self._possible = joint or self._possible
         for floor in floors.maps:
             own = self.of(floor.number)
             storeys = [a[floor.number] for a in self._possible or () if floor.number in a]
@@ -152,7 +159,7 @@ class BuildingAnchoring:
         assigned, posterior = joint_posterior(matches, graphs, self._possible)
         if not posterior.places or posterior.places[0].probability < self._config.anchors.commit:
             return
-        best = posterior.places[0]
+        best, self._joint = posterior.places[0], assigned
         _log.info("storeys by all floors together: %s", assigned)
         own = {k: self.of(k).matching.posterior.at(np.array(best.T_a_s), assigned[k], graphs[k]) for k in matches}
         number = max(own, key=lambda k: own[k])

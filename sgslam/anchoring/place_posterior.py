@@ -69,15 +69,15 @@ def place_posterior(
     """
     places = [Place(h.T_a_s, h.floor, h.probability or 0.0) for h in _hypotheses(match)]
     none = max(0.0, 1.0 - sum(place.probability for place in places))
-    mirrored, of_image = 0.0, [] if image is None else [h.score for h in image.hypotheses]
+    allowed = {stated} if stated is not None else set(possible)
+    mirrored, of_image = 0.0, () if image is None else image.hypotheses
     if places and of_image:
         # one more place, with a prior of its own; what deviates from the plan deviates for both alike and cancels, so
         # differences of their evidence count in full
-        nats = max(of_image) - max(h.score for h in match.hypotheses)
-        mirrored = _MIRRORED * places[0].probability * math.exp(min(nats, 50.0))
-    allowed = {stated} if stated is not None else set(possible)
-    if allowed:
-        places = [p if p.floor in allowed else replace(p, probability=_MISSTATED * p.probability) for p in places]
+        best = max(h.score for h in match.hypotheses)
+        likely = (math.exp(min(h.score - best, 50.0)) * _prior(h.floor, allowed) for h in of_image)
+        mirrored = _MIRRORED * places[0].probability * max(likely)
+    places = [replace(p, probability=_prior(p.floor, allowed) * p.probability) for p in places]
     total = none + mirrored + sum(place.probability for place in places)
     places = [replace(place, probability=place.probability / max(total, 1e-12)) for place in places]
     return PlacePosterior(tuple(sorted(places, key=lambda p: -p.probability)), mirrored / max(total, 1e-12))
@@ -145,6 +145,11 @@ def _hypotheses(match: MatchResult) -> tuple[Hypothesis, ...]:
     if match.status != "unique" or match.T_a_s is None:
         return ()
     return (Hypothesis(0.0, match.T_a_s, match.floor, probability=1.0),)
+
+
+def _prior(floor: str | None, allowed: Collection[str]) -> float:
+    """Of a storey, if the true one is probably `allowed`; all are where that is empty."""
+    return 1.0 if not allowed or floor in allowed else _MISSTATED
 
 
 def _differ_for_any(T: Floats, other: Floats, graphs: Mapping[int, SceneGraph]) -> bool:

@@ -10,7 +10,7 @@ from drives import small_run
 from data import SceneGraph, WallSurface
 from matching import Matcher, MatchResult
 from sgslam.anchoring.building_anchoring import BuildingAnchoring
-from sgslam.config import Config
+from sgslam.config import AnchorSettings, Config
 from sgslam.geometry.frames import inverse
 from sgslam.mapping import Anchors, Floors
 
@@ -85,10 +85,12 @@ class Anchored:
         floors: Floors | None = None,
         start: str | None = None,
         matcher: Matcher | None = None,
+        **anchors: float,
     ) -> None:
         below, floor, T_map_local = _mapped()
         self.floors, self.matcher = floors or copy(floor), CountingMatcher()
-        self.anchoring = BuildingAnchoring(plan or below, matcher or self.matcher, CONFIG, start)
+        config = Config(anchors=AnchorSettings(**anchors))  # type: ignore[arg-type]
+        self.anchoring = BuildingAnchoring(plan or below, matcher or self.matcher, config, start)
         T_local_map = inverse(T_map_local)
         T_local_map[:3, 3] += BuildingAnchoring(below, self.matcher, CONFIG).origin - self.anchoring.origin
         self.T_map_local: Array | None = inverse(T_local_map)

@@ -10,7 +10,7 @@ from data import SceneGraph
 from data.scene_graph.motion import mirrored
 from matching import Matcher
 from sgslam.anchoring.floor_matching import FloorMatching
-from sgslam.anchoring.place_verification import Plan
+from sgslam.anchoring.plan import Plan
 from sgslam.config import AnchorSettings
 from sgslam.mapping import Scene
 
@@ -18,22 +18,21 @@ FLAT = a_graph(flat(np.random.default_rng(0)))
 SYMMETRIC = a_graph([box(-9, 0, 4, 5), box(-4, 0, 8, 5), box(5, 0, 4, 5)])
 
 
-def rejection(plan: SceneGraph, mirror: bool, seed: int) -> str:
-    """Why a map of the plan is rejected, whose walls are off by two centimetres; empty where it is not."""
-    rng, matcher = np.random.default_rng(seed), Matcher.load()
-    walls = []
+def asked(plan: SceneGraph, mirror: bool, seed: int) -> FloorMatching:
+    """About a map of the plan, whose walls are off by two centimetres."""
+    rng, walls = np.random.default_rng(seed), []
     for wall in plan.wall_surfaces:
         x, y = (np.array(wall.centroid) + rng.normal(0, 0.02, 2)).tolist()
         walls.append(replace(wall, centroid=(x, y)))
     seen = moved(replace(plan, frame="map", wall_surfaces=tuple(walls)), 0.7, 3.0, -2.0)
-    seen = mirrored(seen) if mirror else seen
-    matching = FloorMatching(Plan(plan), matcher, AnchorSettings())
-    matching.match = matcher.match(seen, plan)
-    matching.reject_mirrored(Scene(seen, {}, [], {}))
-    return matching.rejection
+    matching = FloorMatching(Plan(plan), Matcher.load(), AnchorSettings())
+    matching.ask(Scene(mirrored(seen) if mirror else seen, {}, [], {}), last=True)
+    return matching
 
 
 @pytest.mark.parametrize("seed", range(2))
 def test_a_mirrored_map_is_told_from_a_right_one_unless_the_building_is_symmetric(seed: int) -> None:
-    assert rejection(FLAT, False, seed) == "" and "mirror" in rejection(FLAT, True, seed)
-    assert rejection(SYMMETRIC, False, seed) == ""
+    right, wrong = (asked(FLAT, mirror, seed) for mirror in (False, True))
+    assert right.is_sure and right.rejection == "" and right.posterior.mirrored < 1e-6
+    assert not wrong.is_sure and "mirror" in wrong.rejection and wrong.posterior.mirrored > 0.9
+    assert all("mirror" not in asked(SYMMETRIC, mirror, seed).rejection for mirror in (False, True))
