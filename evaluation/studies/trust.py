@@ -15,6 +15,7 @@ from evaluation.study import Claim
 from evaluation.tables import ANCHORED, INSIDE, WRONG, Query, count, made, rare, truth, units
 
 NONE = ""
+KINDS = ("office", "corridor", "l_shape", "apartment", "skewed", "mirrored_twins", "tower")
 HOUSES = ("fzk-haus", "niedriha", "jesse", "sample-house")
 SEVERE = {name: amounts for name, amounts in {**SENSOR, **OF_RECORDING}.items() if amounts}
 PLAIN = (NONE, *PLACES, *(name for name in (*SENSOR, *OF_RECORDING) if name not in SEVERE))
@@ -22,10 +23,12 @@ PLAIN = (NONE, *PLACES, *(name for name in (*SENSOR, *OF_RECORDING) if name not 
 
 class Choice(DriveOptions):
     """Each of `troubles`, and of the others each of `severities`, of each of `carriers` with each of `sensors` and
-    `effects`, in `per_cell` drives drawn in turn (all of them for None)."""
+    `effects`, in `per_cell` drives drawn in turn (all of them for None); and each of `changes` of buildings that are
+    not meshes."""
 
     buildings: tuple[str, ...] = ("institute", "office", *HOUSES, *generated(20, 21))
     troubles: tuple[str, ...] = PLAIN
+    changes: tuple[str, ...] = ("absent", "10 to 30 cm")
     severities: tuple[int, ...] = (1, 2, 3, 4)
     carriers: tuple[str, ...] = ("wheeled", "handheld", RECORDING)
     sensors: tuple[str, ...] = ("VLP-16", "Mid-360")
@@ -40,12 +43,13 @@ def cases(options: Choice) -> list[DriveCase]:
         {"carrier": carrier, "sensor": sensor, "effects": effects}
         for carrier, sensor, effects in product(options.carriers, options.sensors, options.effects)
     ]
-    return [
-        DriveCase(**design, trouble=trouble)
-        for design in options.in_turn(cells, options.per_cell)
-        for trouble in troubles
-        if trouble != "wrong storey" or building_named(design["building"]).bim.endswith(".ifc")
-    ]
+    found = []
+    for design in options.in_turn(cells, options.per_cell):
+        is_ifc = building_named(design["building"]).bim.endswith(".ifc")
+        own = [trouble for trouble in troubles if trouble != "wrong storey" or is_ifc]
+        found += [DriveCase(**design, trouble=trouble) for trouble in own]
+        found += [DriveCase(**design, changes=changes) for changes in options.changes if is_ifc]
+    return found
 
 
 COLUMNS = {**ANCHORED, "lost": count(lambda rows: rows.lost > 0), **WRONG}
@@ -73,9 +77,11 @@ def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
 
 def _split(rows: pd.DataFrame) -> pd.DataFrame:
     """The rows with the trouble's name and severity apart, in the order of the lists."""
-    names = rows.trouble.map(lambda trouble: split(trouble) if trouble else ("none", 0))
+    names = rows.trouble.where(rows.changes.eq(""), "as built").map(
+        lambda trouble: (trouble, 0) if trouble == "as built" else split(trouble) if trouble else ("none", 0)
+    )
     rows = rows.assign(worse=names.str[0], severity=names.str[1]).reindex(columns=[*rows, "worse", "severity"])
-    order = {name: k for k, name in enumerate(("none", *PLAIN[1:], *SEVERE))}
+    order = {name: k for k, name in enumerate(("none", *PLAIN[1:], "as built", *SEVERE))}
     if "inside.poses" not in rows:
         rows["inside.poses"] = None
     return rows.assign(order=rows.worse.map(order)).sort_values(["order", "severity"], kind="stable")
@@ -97,12 +103,12 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
 
 
 QUICK = Choice(
-    buildings=("institute", *HOUSES[:2], *generated(20)[:3]),
+    buildings=("institute", "office", *HOUSES, *generated(70, 71, kinds=KINDS)),
     severities=(3,),
-    carriers=("handheld",),
-    sensors=("VLP-16",),
+    carriers=("wheeled", "handheld", "pole", RECORDING),
     effects=((),),
     seconds=40.0,
+    per_cell=4,
 )
 STUDY = study_of_runs(
     "trust", "whether a run is ever anchored at a wrong place, whatever goes wrong", QUICK, cases, tables, claims
