@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
@@ -316,7 +317,7 @@ def leaves_of(plan: SceneGraph) -> tuple[WallSurface, ...]:
             beside = [w for w in plan.surfaces_of_room.get(room, ()) if _off(w, door.centroid) < AT_DOOR_M]
             if not beside:
                 continue
-            wall = min(beside, key=lambda w: float(np.hypot(*np.subtract(w.centroid, door.centroid))))
+            wall = min(beside, key=lambda w: _off(w, door.centroid))
             across = float(np.subtract(door.centroid, wall.centroid) @ np.array(wall.normal))
             x, y = (np.array(door.centroid) - across * np.array(wall.normal)).tolist()
             width = door.width or DOOR_M
@@ -325,8 +326,8 @@ def leaves_of(plan: SceneGraph) -> tuple[WallSurface, ...]:
 
 
 def _off(wall: WallSurface, place: Xy) -> float:
-    """How far (m) a place is from the line of a wall."""
-    return abs(float(np.subtract(place, wall.centroid) @ np.array(wall.normal)))
+    """How far (m) a place is from a wall."""
+    return float(shapely.distance(shapely.LineString(wall.ends()), shapely.Point(place)))
 
 
 def with_doors_as_walls(plan: SceneGraph) -> SceneGraph:

@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 
 FILE = Path(__file__).with_name("calibration.json")
-LAPLACE = ("plan_tilt_deg", "map_against_odometry", "position_sigma_m", "rays_through_walls")  # of their logarithms
+LAPLACE = ("plan_tilt_deg", "map_against_odometry", "position_sigma_m", "walls_looked_through")  # of their logarithms
 CROSSED = "planned_walls_crossed"  # a count
 LEAST = 1e-4  # of a signal, smaller ones count as this
 Model = tuple[float, float]

@@ -165,7 +165,7 @@ class AnchorSettings(Settings):
     commit: float = Field(0.99, gt=0.5, lt=1)
     """minimum probability of the map's place in the plan to be anchored there"""
     withdraw: float = Field(0.5, ge=0, lt=1)
-    """probability that the map is sound and at its place, below which its anchors are withdrawn"""
+    """probability that the map is sound and at its place, below which its anchors are withdrawn; 0 keeps them"""
     planes: bool = True
     """anchor matched walls"""
     rooms: bool = True

@@ -20,7 +20,7 @@ from sgslam.session.place_report import PlaceReport
 from sgslam.session.prior_map import PriorMap
 from sgslam.session.result import PoseCovariances, Relocalisation, Result
 from sgslam.session.scan_poses import RunPoses, ScanPose, at_stamps, newest_run, odometry_begins, odometry_of
-from sgslam.session.soundness.free_space import share_through_walls
+from sgslam.session.soundness.free_space import share_looked_through
 from sgslam.session.soundness.quality import Quality, at_least, contradiction, placed_signals, quality_of
 from sgslam.session.soundness.scan_uncertainty import (
     ScanUncertainty,
@@ -149,7 +149,7 @@ def _through_walls(final: ActiveMap, run: RunPoses, T_bim_map: Floats, standing:
     """The share of the rays of this run's keyframes that lead through standing walls."""
     own = [k for k, keyframe in enumerate(final.backend.keyframes) if keyframe.scan >= run.begin]
     poses = T_bim_map @ final.backend.poses[own]
-    return share_through_walls(poses, own, final.clouds, standing)
+    return share_looked_through(poses, own, final.clouds, standing)
 
 
 def _uncertainty(

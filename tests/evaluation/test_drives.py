@@ -8,7 +8,7 @@ import pytest
 from data.common.errors import UserError
 from data.scans import Scan
 from evaluation.buildings import building_named, plan_graph
-from evaluation.conditions import CHANGES, RECORDING, SENSOR, Troubled, doubled, split
+from evaluation.conditions import CHANGES, RECORDING, SENSOR, Troubled, doubled, leaves_of, split
 from evaluation.drive import Drive, DriveCase, DriveOptions, drive_of, release
 from evaluation.outcome import Outcome
 from evaluation.run import run
@@ -55,9 +55,9 @@ def test_a_peers_row_does_not_depend_on_our_packages() -> None:
 def test_a_trouble_is_the_same_at_each_reading_and_as_strong_as_it_says(
     name: str, amounts: tuple[float, ...], drive: Drive, clean: list[Scan]
 ) -> None:
-    strength = []
+    strength, leaves = [], leaves_of(plan_graph(drive.plan))
     for trouble in [f"{name} {severity}" for severity in range(1, len(amounts) + 1)] or [name]:
-        troubled = Troubled(drive, trouble)
+        troubled = Troubled(drive, trouble, leaves=leaves)
         first, again = ([scan.points for scan in troubled.scans()] for _ in range(2))
         assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
         strength.append(np.mean([_difference(a.points, b) for a, b in zip(clean, first, strict=True)]))

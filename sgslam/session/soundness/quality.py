@@ -73,13 +73,13 @@ def quality_of(
 
 def placed_signals(
     quality: Quality, in_map: Trajectory, begins: list[int], uncertainty: ScanUncertainty, T_bim_map: Floats,
-    standing: SceneGraph, rays_through_walls: float,
+    standing: SceneGraph, walls_looked_through: float,
 ) -> dict[str, float]:  # fmt: skip
     """The signals of a map with a place in the plan that tell whether it is sound.
 
     Beside some of its quality, these are `plan_tilt_deg`, the angle between the verticals of plan and map, and of the
     walls that are `standing`, those of the plan that the map has, `planned_walls_crossed`, at how many places its way
-    leads through them, and the share of `rays_through_walls`. A sliding door may be planned as a wall.
+    leads through them, and the share of `walls_looked_through`. A sliding door may be planned as a wall.
     """
     found = {name: own.value for name, own in quality.items() if name in LAPLACE}
     positions = in_map.transformed(T_bim_map).positions
@@ -89,7 +89,7 @@ def placed_signals(
     distinct = 0 if near.is_empty else int(shapely.get_num_geometries(near))
     tilt = float(np.degrees(np.arccos(np.clip(T_bim_map[2, 2], -1.0, 1.0))))
     of_plan = {"plan_tilt_deg": tilt, "planned_walls_crossed": float(distinct)}
-    return {**found, **of_plan, "rays_through_walls": rays_through_walls}
+    return {**found, **of_plan, "walls_looked_through": walls_looked_through}
 
 
 def contradiction(probability: float, sound: Soundness, signals: Mapping[str, float], withdraw: float) -> str | None:
@@ -101,7 +101,7 @@ def contradiction(probability: float, sound: Soundness, signals: Mapping[str, fl
         "planned_walls_crossed": "the path crosses {:.0f} walls that both have",
         "plan_tilt_deg": "it is tilted by {:.1f} degrees in the map",
         "map_against_odometry": "the map differs from the odometry by {:.1%} of the way",
-        "rays_through_walls": "{:.1%} of its rays lead through walls that both have",
+        "walls_looked_through": "its rays lead through {:.0%} of the walls that both have",
         "position_sigma_m": "its positions have a standard deviation of {:.2f} m",
     }[name].format(signals[name])
     accepted = math.floor(1000 * probability) / 1000

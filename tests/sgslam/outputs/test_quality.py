@@ -1,5 +1,6 @@
-"""The signals that tell a sound map from a lost one: each limit from both sides, and which walls a way crosses."""
+"""The signals that tell a sound map from a lost one, those of a map at a place, and which walls a way crosses."""
 
+import re
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -11,8 +12,10 @@ from numpy.typing import NDArray
 
 from data import Door, Floor, SceneGraph, WallSurface
 from data.trajectory import Trajectory
+from sgslam.anchoring.soundness import Soundness, shipped
 from sgslam.config import QualitySettings
-from sgslam.session.soundness.quality import Quality, contradiction, quality_of, walls_crossed
+from sgslam.config.loading import load_config
+from sgslam.session.soundness.quality import Quality, contradiction, placed_signals, quality_of, walls_crossed
 from sgslam.session.soundness.scan_uncertainty import ScanUncertainty, what_is_not_anchored
 from sgslam.session.soundness.standing_walls import seen_parts
 
@@ -41,12 +44,19 @@ def known(deviations: Array, anchored: NDArray[np.bool_], cause: int | NDArray[n
     )
 
 
+WAY = way((0.0, 0.0, 0.0), (6.0, 0.0, 0.0), (6.0, 4.0, 0.0), steps=SCANS // 2)[:SCANS]
+
+
+def known_at(sure: int, sigma: float, left_out: tuple[int, ...] = ()) -> ScanUncertainty:
+    deviations, number = np.zeros((SCANS, 6)), np.arange(SCANS)
+    deviations[:, 0] = np.where(number < sure, sigma, 9.0)
+    return known(deviations, (number < sure) & ~np.isin(number, left_out))
+
+
 def judged(
     lost: int = 0,
     sigma: float = 0.1,
     walls_seen: tuple[int, ...] = (4,) * 10,
-    tilt: float | None = None,
-    plan: SceneGraph | None = None,
     sure: int = SCANS,
     bend: float = 0.0,
     begins: tuple[int, ...] = (0,),
@@ -58,23 +68,33 @@ def judged(
     The odometry leaves the way by up to `bend` (m), and is in another frame from each of the scans `begins` on. Scans
     that are `left_out` are not anchored.
     """
-    positions = way((0.0, 0.0, 0.0), (6.0, 0.0, 0.0), (6.0, 4.0, 0.0), steps=SCANS // 2)[:SCANS]
-    odometry = positions.copy()
+    positions, odometry = WAY, WAY.copy()
     odometry[:, :2] += bend * np.sin(np.linspace(0.0, 6 * np.pi, SCANS))[:, None]
     for begin in begins[1:]:
         odometry[begin:] = odometry[begin:, [1, 2, 0]] + 3.0
-    deviations = np.zeros((SCANS, 6))
-    deviations[:, 0] = np.where(np.arange(SCANS) < sure, sigma, 9.0)
-    anchored = (np.arange(SCANS) < sure) & ~np.isin(np.arange(SCANS), left_out)
-    uncertainty, shares = known(deviations, anchored), (lost / SCANS, unplaced / SCANS)
-    T_bim_map = None if tilt is None else pose(0.0, 0.0, roll=np.radians(tilt))
+    uncertainty = known_at(sure, sigma, left_out)
     maps, seen = (trajectory(positions), trajectory(odometry)), (list(begins), list(walls_seen))
-    return quality_of(*maps, *seen, uncertainty, *shares, T_bim_map, plan, QualitySettings())
+    return quality_of(*maps, *seen, uncertainty, lost / SCANS, unplaced / SCANS, QualitySettings())
 
 
 def planned(*places: float) -> SceneGraph:
     """Walls across the way, at x."""
     return SceneGraph("bim", (), tuple(replace(WALL, id=f"w{x}", centroid=(x, 0.0)) for x in places))
+
+
+def placed(
+    plan: SceneGraph, begins: tuple[int, ...] = (0,), left_out: tuple[int, ...] = (), tilt: float = 0.0,
+    positions: Array = WAY, rays: float = 0.0,
+) -> dict[str, float]:  # fmt: skip
+    """The signals of the map at a place in the plan, tilted by so many degrees."""
+    T, quality = pose(0.0, 0.0, roll=np.radians(tilt)), judged()
+    return placed_signals(
+        quality, trajectory(positions), list(begins), known_at(SCANS, 0.1, left_out), T, plan, rays
+    )  # fmt: skip
+
+
+def crossed(plan: SceneGraph, begins: tuple[int, ...] = (0,), left_out: tuple[int, ...] = ()) -> float:
+    return placed(plan, begins, left_out)["planned_walls_crossed"]
 
 
 @pytest.mark.parametrize(
@@ -85,10 +105,8 @@ def planned(*places: float) -> SceneGraph:
         ("keyframes_without_walls", judged(walls_seen=(0,) * 3 + (9,) * 7), judged(walls_seen=(0,) * 4 + (9,) * 6)),
         ("walls_per_keyframe", judged(walls_seen=(3,)), judged(walls_seen=(3, 2))),
         ("position_sigma_m", judged(sigma=0.199), judged(sigma=0.201)),
-        ("plan_tilt_deg", judged(tilt=0.99, plan=SceneGraph("bim")), judged(tilt=1.01, plan=SceneGraph("bim"))),
         ("map_against_odometry", judged(bend=0.099), judged(bend=0.101)),
         ("map_against_odometry", judged(bend=0.09, begins=(0, 30, 60)), judged(bend=0.2, begins=(0, 30, 60))),
-        ("planned_walls_crossed", judged(tilt=0.0, plan=planned(3.0)), judged(tilt=0.0, plan=planned(3.0, 5.0))),
     ],
 )
 def test_a_signal_is_kept_up_to_its_limit(signal: str, inside: Quality, outside: Quality) -> None:
@@ -99,86 +117,106 @@ def test_a_signal_is_kept_up_to_its_limit(signal: str, inside: Quality, outside:
 
 def test_only_a_way_that_was_followed_crosses_walls() -> None:
     plan = planned(3.05, 5.05)
-    crossed = [k for k in range(1, SCANS) if judged(tilt=0.0, plan=plan, begins=(0, k))["planned_walls_crossed"].ok]
-    assert len(crossed) == 2  # where the odometry begins again in one of the walls
-    assert judged(tilt=0.0, plan=plan, left_out=(crossed[0],))["planned_walls_crossed"].value == 1
+    assert crossed(plan) == 2
+    fewer = [k for k in range(1, SCANS) if crossed(plan, begins=(0, k)) == 1]
+    assert len(fewer) == 2  # where the odometry begins again in one of the walls
+    assert crossed(plan, left_out=(fewer[0],)) == 1
 
 
 def test_two_scans_that_follow_one_another_cross_a_wall() -> None:
     plan = planned(3.05)
-    alone = (judged(tilt=0.0, plan=plan, begins=(0, k))["planned_walls_crossed"].value for k in range(SCANS))
-    after = next(k for k, crossed in enumerate(alone) if not crossed)
+    after = next(k for k in range(SCANS) if not crossed(plan, begins=(0, k)))
     for kept in ((after - 1, after), (after - 1,), (after,)):
         others = tuple(k for k in range(SCANS) if k not in kept)
-        crossed = judged(tilt=0.0, plan=plan, left_out=others)["planned_walls_crossed"].value
-        assert crossed == (len(kept) == 2)
+        assert crossed(plan, left_out=others) == (len(kept) == 2)
 
 
-def test_a_place_is_contradicted_by_crossed_walls_and_by_a_tilt() -> None:
-    assert contradiction(judged(sigma=9.0)) is None  # it has no place in a plan
-    assert contradiction(judged(tilt=0.99, plan=planned(3.0))) is None
-    crossed, tilted = judged(tilt=0.0, plan=planned(3.0, 5.0)), judged(tilt=1.21, plan=planned())
-    assert "crosses 2 walls" in str(contradiction(crossed))
-    assert "planned_walls_crossed=2 accepts" in str(contradiction(crossed))
-    assert "1.2 degrees" in str(contradiction(tilted)) and "plan_tilt=1.3 accepts" in str(contradiction(tilted))
+def test_a_place_that_is_crossed_several_times_counts_once() -> None:
+    plan, to, fro = planned(2.0, 5.0), (6.0, 0.1, 0.0), (0.0, -0.2, 0.0)
+    once, thrice = (way((0.0, 0.0, 0.0), *corners, steps=SCANS)[:: len(corners)] for corners in ((to,), (to, fro, to)))
+    for positions in (once, thrice):
+        assert placed(plan, positions=positions[:SCANS])["planned_walls_crossed"] == 2
 
 
-def test_signals_of_the_plan_are_of_anchored_runs() -> None:
-    of_plan = {"plan_tilt_deg", "planned_walls_crossed"}
-    assert not of_plan & judged(plan=SceneGraph("bim")).keys() and not of_plan & judged(tilt=0.0).keys()
-    assert of_plan <= judged(tilt=0.0, plan=SceneGraph("bim")).keys()
+@pytest.mark.parametrize(("apart", "count"), [(0.9, 1), (1.1, 2)])
+def test_the_faces_of_a_wall_are_crossed_together(apart: float, count: int) -> None:
+    assert crossed(planned(3.0, 3.0 + apart)) == count
 
 
-def test_the_position_sigma_is_of_the_anchored_scans_or_of_all() -> None:
-    assert judged(sure=50)["position_sigma_m"].value == pytest.approx(9.0)
-    assert judged(sure=50, tilt=0.0)["position_sigma_m"].value == pytest.approx(0.1)
-    assert judged(sure=96)["position_sigma_m"].ok and not judged(sure=94)["position_sigma_m"].ok
-    assert "position_sigma_m" not in judged(sure=0, tilt=0.0)
+def test_the_signals_of_a_place() -> None:
+    found = placed(planned(), tilt=1.2, rays=0.03)
+    assert found["plan_tilt_deg"] == pytest.approx(1.2) and found["walls_looked_through"] == 0.03
+    assert found["planned_walls_crossed"] == 0 and found["position_sigma_m"] == pytest.approx(0.1)
+    assert found.keys() == shipped().sound.keys() == shipped().unsound.keys()
 
 
 @pytest.mark.parametrize(
-    ("wall", "crossed"),
+    ("worst", "value", "said"),
     [
-        (WALL, 1),
-        (replace(WALL, length=None), 0),
-        (replace(WALL, centroid=(5.0, 3.0)), 0),
-        (replace(WALL, parts=((True, -2.0, -0.5, None), (True, 0.5, 2.0, None))), 0),  # an opening
-        (replace(WALL, parts=((True, -2.0, 0.5, None), (True, 1.0, 1.0, None))), 1),
+        ("planned_walls_crossed", 3.0, "crosses 3 walls"),
+        ("plan_tilt_deg", 2.34, "2.3 degrees"),
+        ("map_against_odometry", 0.05, "5.0% of the way"),
+        ("walls_looked_through", 0.12, "12.0% of its rays"),
+        ("position_sigma_m", 0.4, "0.40 m"),
     ],
 )
-def test_a_way_crosses_what_stands_of_a_wall(wall: WallSurface, crossed: int) -> None:
+def test_a_place_that_is_not_kept_says_why_and_what_accepts_it(worst: str, value: float, said: str) -> None:
+    signals = placed(planned(3.0)) | {worst: value}
+    for probability in (0.4567, 0.0123, 0.0):
+        sound = Soundness(probability, dict.fromkeys(signals, 1.0) | {worst: -3.0})
+        reason = contradiction(probability, sound, signals, 0.5)
+        assert reason is not None and said in reason
+        advised = re.search(r"--set (anchors\.withdraw=\S+)", reason)
+        assert advised is not None
+        withdraw = load_config(None, [advised[1]]).anchors.withdraw
+        assert probability - 0.002 < withdraw <= probability
+        assert contradiction(probability, sound, signals, withdraw) is None
+
+
+def test_the_position_sigma_is_of_the_anchored_scans_or_of_all() -> None:
+    every = tuple(range(SCANS))
+    assert judged(sure=50)["position_sigma_m"].value == pytest.approx(0.1)
+    assert judged(sure=0)["position_sigma_m"].value == pytest.approx(9.0)
+    of_all = [judged(sure=sure, left_out=every)["position_sigma_m"].ok for sure in (96, 94)]
+    assert of_all == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("wall", "across"),
+    [
+        (WALL, True),
+        (replace(WALL, length=None), False),
+        (replace(WALL, centroid=(5.0, 3.0)), False),
+        (replace(WALL, parts=((True, -2.0, -0.5, None), (True, 0.5, 2.0, None))), False),  # an opening
+        (replace(WALL, parts=((True, -2.0, 0.5, None), (True, 1.0, 1.0, None))), True),
+    ],
+)
+def test_a_way_crosses_what_stands_of_a_wall(wall: WallSurface, across: bool) -> None:
     there = way((0.0, 0.0, 0.0), (10.0, 0.0, 0.0))
-    assert walls_crossed(there, SceneGraph("bim", (), (wall,))) == crossed
+    assert (len(walls_crossed(there, SceneGraph("bim", (), (wall,)))) > 0) is across
 
 
-@pytest.mark.parametrize(("apart", "crossed"), [(0.95, 1), (1.05, 2)])
-def test_the_faces_of_a_wall_are_crossed_together(apart: float, crossed: int) -> None:
-    faces = WALL, replace(WALL, id="v", centroid=(5.0 + apart, 0.0))
-    there = way((0.0, 0.0, 0.0), (10.003, 0.0, 0.0), steps=1000)
-    assert walls_crossed(there, SceneGraph("bim", (), faces)) == crossed
-
-
-@pytest.mark.parametrize(("y", "crossed"), [(0.75, 0), (0.85, 1)])
-def test_a_way_through_a_door_crosses_no_wall(y: float, crossed: int) -> None:
+@pytest.mark.parametrize(("y", "across"), [(0.75, False), (0.85, True)])
+def test_a_way_through_a_door_crosses_no_wall(y: float, across: bool) -> None:
     plan = SceneGraph("bim", (), (WALL,), (Door("d", ("a", "b"), (5.0, y)),))
-    assert walls_crossed(way((0.0, 0.0, 0.0), (10.0, 0.0, 0.0), steps=1000), plan) == crossed
+    assert (len(walls_crossed(way((0.0, 0.0, 0.0), (10.0, 0.0, 0.0), steps=1000), plan)) > 0) is across
 
 
 def test_a_way_crosses_walls_of_its_own_storey() -> None:
     floors = (Floor("low", "", 0.0), Floor("high", "", 3.0))
     plan = SceneGraph("bim", (), (replace(WALL, floor="high"),), floors=floors)
-    for z, crossed in ((1.0, 0), (3.0, 1), (2.99, 0), (-0.2, 0)):
-        assert walls_crossed(way((0.0, 0.0, z), (10.0, 0.0, z)), plan) == crossed
+    for z, across in ((1.0, False), (3.0, True), (2.99, False), (-0.2, False)):
+        assert (len(walls_crossed(way((0.0, 0.0, z), (10.0, 0.0, z)), plan)) > 0) is across
     low = SceneGraph("bim", (), (replace(WALL, floor="low"),), floors=floors)
-    assert walls_crossed(way((0.0, 0.0, -0.2), (10.0, 0.0, -0.2)), low) == 1
+    assert len(walls_crossed(way((0.0, 0.0, -0.2), (10.0, 0.0, -0.2)), low)) > 0
 
 
 def test_a_way_of_single_scans_on_a_storey_crosses_nothing() -> None:
     floors = (Floor("low", "", 0.0), Floor("high", "", 3.0))
     plan = SceneGraph("bim", (), tuple(replace(WALL, id=f"w-{f}", floor=f) for f in ("low", "high")), floors=floors)
     hopping = np.array([[4.0, 0.0, 1.0], [6.0, 0.0, 3.5], [4.0, 0.0, 1.0]])
-    assert walls_crossed(hopping, plan) == 0
-    assert walls_crossed(np.concatenate([hopping, [[6.0, 0.0, 1.0]]]), plan) == 1  # two scans are a way
+    assert len(walls_crossed(hopping, plan)) == 0
+    assert len(walls_crossed(np.concatenate([hopping, [[6.0, 0.0, 1.0]]]), plan)) > 0  # two scans are a way
 
 
 def test_scans_that_are_not_anchored_are_counted_by_cause() -> None:
