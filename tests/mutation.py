@@ -21,15 +21,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-PLACES = "anchored_rooms free_space_conflict place_verification storey_hypotheses"
-ANCHORING = tuple(f"tests/sgslam/anchoring/test_{name}.py" for name in f"{PLACES} commitment consensus".split())
+PLACES = "anchored_rooms commitment place_posterior storey_hypotheses"
+ANCHORING = tuple(f"tests/sgslam/anchoring/test_{name}.py" for name in f"{PLACES} consensus".split())
 BUILDING = ("tests/sgslam/anchoring/test_building_anchoring.py",)
+FLOORS = (*BUILDING, *(f"tests/sgslam/anchoring/test_{name}.py" for name in ("floor_anchoring", "mirror_image")))
+SOUNDNESS = ("tests/sgslam/outputs/test_soundness.py",)
 VERDICTS = ("tests/matching/test_verdicts.py",)
 TESTS = {  # of each module; what is compiled once must not be compiled for each mutant
-    **{f"sgslam/anchoring/{name}.py": ANCHORING for name in f"{PLACES} match_history se2_consensus".split()},
-    "sgslam/anchoring/room_relocalisation.py": ("tests/sgslam/anchoring/test_room_relocalisation.py",),
+    **{f"sgslam/anchoring/{name}.py": ANCHORING for name in f"{PLACES} plan se2_consensus".split()},
     "sgslam/anchoring/building_anchoring.py": BUILDING,
-    "sgslam/anchoring/floor_anchoring.py": (*BUILDING, "tests/sgslam/anchoring/test_floor_anchoring.py"),
+    **{f"sgslam/anchoring/floor_{name}.py": FLOORS for name in ("anchoring", "matching")},
+    **{name: SOUNDNESS for name in ("sgslam/anchoring/soundness.py", "sgslam/session/soundness/free_space.py")},
     "sgslam/registration/health.py": ("tests/sgslam/registration/test_health.py",),
     "sgslam/session/soundness/quality.py": ("tests/sgslam/outputs/test_quality.py",),
     "matching/engine/verdict.py": VERDICTS,

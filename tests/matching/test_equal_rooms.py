@@ -39,5 +39,5 @@ def test_a_place_that_the_network_does_not_propose_is_found_by_its_corners(tmp_p
     write_plan_mesh(generate_plan("l_shape", 2).graph, tmp_path / "plan.stl")
     seen = SceneGraph.load(Path(__file__).with_name("corridor_of_equal_rooms.json"))
     answer = Matcher.load("learned").match(seen, read_mesh(tmp_path / "plan.stl").graph)
-    assert answer.status == "unique"
+    assert (answer.hypotheses[0].probability or 0.0) > 0.9
     assert answer.T_a_s == pytest.approx((0.860, 32.17, 41.98), abs=0.05)

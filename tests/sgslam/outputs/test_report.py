@@ -43,7 +43,7 @@ def withdrawn(data: ReportData) -> ReportData:
     """It lost its place, and what its anchors stood on; a signal is outside its limit."""
     anchors = [anchor(own["wall"], own["a_id"], "no longer agrees") for own in data.anchors]
     run = replace(with_lost_scans(not_anchored(data, "ambiguous")), anchors=anchors)
-    quality = {"planned_walls_crossed": {"value": 7.0, "limit": 1, "ok": False}}
+    quality = {"place_probability": {"value": 0.77, "limit": 0.9, "ok": False}}
     return replace(run, metrics=run.metrics | {"quality": quality})
 
 
@@ -55,7 +55,7 @@ def with_one_match(data: ReportData) -> ReportData:
 RUNS: dict[str, tuple[Callable[[ReportData], ReportData], tuple[str, ...]]] = {
     "withdrawn": (
         withdrawn,
-        ("no longer agrees", "Lost scans\n30\n", "\n7\nat most 1\n", "outside its limit"),
+        ("no longer agrees", "Lost scans\n30\n", "\n77 %\nat least 90 %\n", "outside its limit"),
     ),
     "without a plan": (without_plan, ()),
     "lost": (lambda data: replace(with_lost_scans(data), truth=None), ("Lost scans\n30\n",)),

@@ -16,7 +16,7 @@ from data import SceneGraph, UserError
 from data.trajectory import Trajectory
 from matching import MatchResult
 from matching.result import Status
-from sgslam.config import Config, QualitySettings, TrackingSettings
+from sgslam.config import AnchorSettings, Config, QualitySettings, TrackingSettings
 from sgslam.mapping import KeyframeClouds
 from sgslam.session import Result
 from sgslam.session.scan_points import FILE as POINTS
@@ -139,10 +139,10 @@ def test_live_sigma_is_unknown_at_first_and_grows_where_nothing_is_seen(anchored
     assert ((ratio > 1 / 3) & (ratio < 3)).all()
 
 
-def run_with(**limits: float) -> Result:
+def run_with(withdraw: float = 0.5, **limits: float) -> Result:
     """The drive until it is anchored."""
     drive = small_drive()
-    config = Config(quality=QualitySettings(**limits))
+    config = Config(quality=QualitySettings(**limits), anchors=AnchorSettings(withdraw=withdraw))
     return fed(SceneGraphSlam(drive.bim, config=config), drive.scans[:150]).finish()
 
 
@@ -171,13 +171,14 @@ def test_a_run_with_no_scan_that_is_known_is_not_anchored_and_says_what_is_unkno
 
 
 @pytest.mark.slow
-def test_a_run_whose_place_tilts_the_map_is_not_anchored_and_says_what_accepts_it() -> None:
-    tilt = run_with().quality["plan_tilt_deg"]
-    assert 0 < tilt.value < tilt.limit and run_with(plan_tilt=1.01 * tilt.value).anchored
-    result = run_with(plan_tilt=0.99 * tilt.value)
+def test_a_place_that_is_not_probable_enough_is_withdrawn_and_the_reason_says_what_keeps_it(anchored: Result) -> None:
+    assert anchored.place is not None and anchored.quality["place_probability"].ok
+    result = run_with(withdraw=1 - 1e-9)
     assert not result.anchored and result.T_bim_map is None and not result.uncertainty.anchored.any()
-    assert not result.deviations and not result.quality["plan_tilt_deg"].ok
-    assert re.search("tilted by .* degrees.*--set quality.plan_tilt=", result.reason)
+    assert not result.deviations and "place_probability" not in result.quality
+    assert result.place is not None and result.place.T_bim_map is not None  # what was withdrawn
+    advised = re.search(r"--set anchors.withdraw=(\S+)", result.reason)
+    assert advised is not None and run_with(withdraw=float(advised[1])).anchored
 
 
 def test_a_part_begins_level_at_the_last_known_place_and_heading() -> None:
