@@ -62,7 +62,8 @@ BLOCKS, BLOCK_S, BLOCK_M = 12, 2.0, (0.4, 0.8)  # directions that are blocked to
 PERSON_RADIUS_M, PERSON_RANGE_M = 0.25, (0.8, 4.0)
 PERSON_BELOW_M, PERSON_ABOVE_M = 1.4, 0.4  # of a sensor that is carried in a hand
 PERSON_SPEED, VIBRATION_HZ = 0.8, 12.0  # m/s
-OPENS_M, DOOR_M, AT_DOOR_M = 1.5, 0.9, 0.6  # from a sliding door to the sensor; its width where unknown; to its wall
+OPENS_M, SEEN_M = 1.5, 12.0  # from a sliding door to the sensor, when it opens; from which on it matters
+DOOR_M, AT_DOOR_M = 0.9, 0.6  # width of a door where unknown; to its wall
 GAP_S, FIRST_GAP_S = 2.0, 5.0
 
 
@@ -235,7 +236,7 @@ def _sliding_doors(scan: Scan, amount: float, of: Troubled, seed: tuple[int, int
     begin, shown = T_bim_sensor[:, :2, 3], np.ones(len(rays))
     for leaf in of.leaves:
         centre, normal = np.array(leaf.centroid), np.array(leaf.normal)
-        if np.hypot(*(begin[0] - centre)) < OPENS_M:
+        if not OPENS_M < np.hypot(*(begin[0] - centre)) < SEEN_M:
             continue
         along = rays @ normal
         met = (centre - begin) @ normal / np.where(np.abs(along) > 1e-9, along, np.inf)

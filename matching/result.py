@@ -42,6 +42,7 @@ class MatchesFile(TypedDict):
     floor: str | None
     hypotheses: list[HypothesisEntry]
     seconds: float
+    temperature: float
     floors: NotRequired[dict[str, str | None]]
 
 
@@ -90,6 +91,8 @@ class MatchResult:
         hypotheses: Distinct placements, best first. Two are distinct if they differ in floor, by more than 0.5 m at the
             S-graph's centroid, or by more than 5 degrees.
         seconds: Computation time. Results are compared without it.
+        temperature: The nats of score that make one placement of the S-graph e times as likely as one of its mirror
+            image. What deviates in both alike cancels, what the plan leaves unexplained does not.
     """
 
     status: Status
@@ -100,6 +103,7 @@ class MatchResult:
     floor: str | None = None
     hypotheses: tuple[Hypothesis, ...] = ()
     seconds: float = field(default=0.0, compare=False)
+    temperature: float = 1.0
 
     @property
     def matrix(self) -> NDArray[np.float64] | None:

@@ -79,7 +79,7 @@ def answer(found: Hypotheses, began: float, near_start: bool = False) -> MatchRe
         tuple((s.rooms[r].id, a.rooms[q].id, sure * c) for r, q, c in pairs.rooms),
         tuple((s.ids[i], a.ids[j], sure * of.of_surface(c)) for i, j, c in pairs.surfaces),
         None if verdict.status == "none" else _triple(found, 0), a.floor, tuple(hypotheses),
-        time.perf_counter() - began,
+        time.perf_counter() - began, verdict.temperature,
     )  # fmt: skip
 
 

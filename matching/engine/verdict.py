@@ -50,10 +50,11 @@ class Calibration:
         of = np.array([*signs.features, 1.0])
         return probability(float(of @ np.array(self.place)))
 
-    def temperature(self, signs: "Signs") -> float:
-        """The nats of evidence that make one hypothesis e times as likely as another."""
+    def temperature(self, signs: "Signs", is_mirrored: bool = False) -> float:
+        """The nats of evidence that make one hypothesis e times as likely as another, or as one of the mirror image,
+        which explains the same walls."""
         a, b, c = self.separation
-        return a + b * signs.unexplained + c * max(signs.evidence[0], 0.0)
+        return a + b * signs.unexplained + (0.0 if is_mirrored else c * max(signs.evidence[0], 0.0))
 
     def among(self, signs: "Signs") -> Array:
         """(K,) the probability of each hypothesis, if one of them is right."""
@@ -85,11 +86,13 @@ def shipped() -> Calibration:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The status with its reason, and the probability (K,) of each hypothesis; what lacks to 1 is that of none."""
+    """The status with its reason; the probability (K,) of each hypothesis, which lack to 1 that of none; the temperature
+    of `MatchResult`."""
 
     status: Status
     reason: str
     probabilities: tuple[float, ...]
+    temperature: float
 
 
 @dataclass(frozen=True)
@@ -123,16 +126,16 @@ def verify(found: Hypotheses, pairs: Pairs, near_start: bool = False) -> Verdict
     a start was given, and they were looked for only there."""
     signs, model = Signs.of(found, near_start), shipped()
     own, in_plan, among = matched(pairs, len(found.scene.s)), model.in_plan(signs), model.among(signs)
-    probabilities = tuple((in_plan * among).tolist())
+    probabilities, unit = tuple((in_plan * among).tolist()), model.temperature(signs, is_mirrored=True)
     if probabilities[0] >= SURE:
-        return Verdict("unique", f"{own}; no other place explains the map nearly as well", probabilities)
+        return Verdict("unique", f"{own}; no other place explains the map nearly as well", probabilities, unit)
     if in_plan < SURE:
         reason = f"too little evidence at the best place ({own}): see more rooms"
-        return Verdict("none", reason, probabilities)
+        return Verdict("none", reason, probabilities, unit)
     near = [k for k in range(1, len(found)) if among[0] < SURE / (1 - SURE) * among[k]] or [1]
     floors = [str(found.scene.plan.storeys[int(found.fields.storey[k])].floor) for k in (0, *near)]
     reason = f"{places_named(floors)} explain the map about equally well ({own})"
-    return Verdict("ambiguous", reason, probabilities)
+    return Verdict("ambiguous", reason, probabilities, unit)
 
 
 def matched(pairs: Pairs, walls: int) -> str:

@@ -72,10 +72,9 @@ def place_posterior(
     allowed = {stated} if stated is not None else set(possible)
     mirrored, of_image = 0.0, () if image is None else image.hypotheses
     if places and of_image:
-        # one more place, with a prior of its own; what deviates from the plan deviates for both alike and cancels, so
-        # differences of their evidence count in full
-        best = max(h.score for h in match.hypotheses)
-        likely = (math.exp(min(h.score - best, 50.0)) * _prior(h.floor, allowed) for h in of_image)
+        # one more place, with a prior of its own
+        best, unit = max(h.score for h in match.hypotheses), match.temperature
+        likely = (math.exp(min((h.score - best) / unit, 50.0)) * _prior(h.floor, allowed) for h in of_image)
         mirrored = _MIRRORED * places[0].probability * max(likely)
     places = [replace(p, probability=_prior(p.floor, allowed) * p.probability) for p in places]
     total = none + mirrored + sum(place.probability for place in places)

@@ -334,5 +334,5 @@ def _write_report(
 def _no_match(reason: str) -> "MatchesFile":
     return {
         "status": "none", "reason": reason, "rooms": [], "wall_surfaces": [], "T_a_s": None, "floor": None,
-        "hypotheses": [], "seconds": 0.0,
+        "hypotheses": [], "seconds": 0.0, "temperature": 1.0,
     }  # fmt: skip
