@@ -17,7 +17,7 @@ Part = tuple[str, float, float, bool]  # as in `WallSurface.parts`
 def standing_walls(
     plan: SceneGraph, alignments: dict[int, WallAlignment], floors: Floors, origin: Floats
 ) -> SceneGraph:  # fmt: skip
-    """The plan with those stretches of its walls at which mapped ones were seen.
+    """The plan with those stretches of its walls at which mapped ones were seen that agree with it.
 
     `alignments` are by floor number, `origin` (3,) is that of the local frame in the BIM frame.
     """
@@ -27,7 +27,7 @@ def standing_walls(
         if alignment is None or scene is None:
             continue
         covered = floor.walls.coverage(STEP)
-        for aligned in alignment.walls:
+        for aligned in (own for own in alignment.walls if own.agrees):
             wall, planned = scene.wall_of_surface[aligned.surface.id], aligned.planned
             middle = np.subtract(planned.centroid, origin[:2])
             seen = along_planned(aligned, covered[wall], floor.walls, wall, alignment.place, middle)
