@@ -86,8 +86,8 @@ def shipped() -> Calibration:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The status with its reason; the probability (K,) of each hypothesis, which lack to 1 that of none; the temperature
-    of `MatchResult`."""
+    """The status with its reason; the probability (K,) of each hypothesis, what lacks to 1 is that of none; and the
+    `temperature` of `MatchResult`."""
 
     status: Status
     reason: str
