@@ -145,6 +145,8 @@ def test_all_measures_follow_from_what_a_run_leaves(records: dict[str, dict[str,
     assert 0 < anchored["rmse_m"] < 0.05  # type: ignore[operator]
     assert anchored["plan_view_m"] ** 2 + anchored["height_m"] ** 2 == pytest.approx(anchored["rmse_m"] ** 2)  # type: ignore[operator]
     assert anchored["role"] == "development" and anchored["scans"] == 200
+    placed = anchored["placed"]
+    assert (placed["scans"], placed["wrong"]) == (200, 0) and placed["signals"]["planned_walls_crossed"] == 0  # type: ignore[index]
     assert not records["tracking"]["anchored"] and records["tracking"]["reliability"]["good"] > 0.5  # type: ignore[index]
     assert records["KISS-ICP"]["rmse_m"] < 0.5 and records["ICP to the BIM"]["rmse_m"] < 0.2  # type: ignore[operator]
     files = sorted((work / "runs").glob("*.npz"))
