@@ -4,6 +4,7 @@ The rows are those of the study `trust` on buildings of the training split. A ma
 the scans that it places are wrong; maps that have no place in the plan tell nothing.
 """
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -40,7 +41,8 @@ def main(arguments: list[str] | None = None) -> int:
         "commands": sorted({row.made.command for row in rows}),
         "maps": {"sound": len(sound), "unsound": len(unsound)},
     }
-    write_json(options.out, {**about, **asdict(fit(sound, unsound))})
+    others = json.loads(options.out.read_text(encoding="utf-8")) if options.out.exists() else {}
+    write_json(options.out, {**others, **about, **asdict(fit(sound, unsound))})
     print(f"wrote {options.out}")
     return 0
 

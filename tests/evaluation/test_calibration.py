@@ -75,8 +75,10 @@ def test_a_map_is_sound_if_at_most_a_hundredth_of_its_scans_is_wrong(tmp_path: P
     assert sound == [rows[0].record["placed"]["signals"]] and unsound == [rows[1].record["placed"]["signals"]]
     (tmp_path / "rows.jsonl").write_bytes(b"".join(own.line() for own in rows))
     words = [str(tmp_path / "rows.jsonl"), "--out", str(tmp_path / "out.json")]
+    (tmp_path / "out.json").write_text('{"known_map": [1, 2, 3], "prior": null}')  # what other commands fitted stays
     assert main(words) == 0
     stored = json.loads((tmp_path / "out.json").read_text())
+    assert stored["known_map"] == [1, 2, 3] and stored["prior"] is not None
     assert stored["maps"] == {"sound": 1, "unsound": 1} and stored["sound"].keys() == stored["unsound"].keys()
     (tmp_path / "rows.jsonl").write_bytes(rows[0].line())
     with pytest.raises(UserError, match="1 and 0"):

@@ -37,12 +37,12 @@ def found() -> Hypotheses:
     return search(scene)[np.zeros(3, dtype=np.int64)]
 
 
-def judged(found: Hypotheses, *scores: float, gone: int = 0, partial: bool = False, start: bool = False) -> Verdict:
+def judged(found: Hypotheses, *scores: float, gone: int = 0, start: bool = False) -> Verdict:
     """The verdict on places of these scores (nats), the first without the partners of so many of its walls."""
     table = found.table.copy()
     table[0, np.argsort(found.scene.s.half)[:gone]] = -1
     some = replace(found, table=table)[np.arange(len(scores))]
-    return verify(replace(some, score=np.array(scores)), assign(found, 0), partial, start)
+    return verify(replace(some, score=np.array(scores)), assign(found, 0), start)
 
 
 def best(verdict: Verdict) -> float:
@@ -69,9 +69,8 @@ def test_the_more_evidence_and_the_more_unexplained_the_more_may_a_runner_up_dif
     assert 3.0 < margins[0] < margins[1] - 1 and margins[0] < margins[2] - 1
 
 
-@pytest.mark.parametrize("partial", [False, True])
-def test_a_place_needs_evidence(found: Hypotheses, partial: bool) -> None:
-    nats = [judged(found, float(nats), partial=partial) for nats in range(0, 300, 10)]
+def test_a_place_needs_evidence(found: Hypotheses) -> None:
+    nats = [judged(found, float(nats)) for nats in range(0, 300, 10)]
     assert all(np.diff([best(own) for own in nats]) > 0)
     assert nats[0].status == "none" and nats[-1].status == "unique"
     for unlisted in (judged(found, 90.0, 60.0, 30.0), judged(found, 90.0, 90.0, 30.0)):
@@ -79,30 +78,23 @@ def test_a_place_needs_evidence(found: Hypotheses, partial: bool) -> None:
 
 
 @pytest.mark.parametrize("nats", [30.0, 60.0, 90.0])
-def test_the_same_evidence_is_less_in_a_larger_plan_and_in_one_that_lacks_rooms_and_more_near_a_start(
-    found: Hypotheses, nats: float
-) -> None:
+def test_the_same_evidence_is_less_in_a_larger_plan_and_more_near_a_start(found: Hypotheses, nats: float) -> None:
     plan = found.scene.plan
     larger = replace(found, scene=replace(found.scene, plan=replace(plan, storeys=plan.storeys * 4)))
-    known = best(judged(found, nats))
-    assert best(judged(larger, nats)) < known and best(judged(found, nats, partial=True)) < known
+    assert best(judged(larger, nats)) < best(judged(found, nats))
     assert best(judged(larger, nats, start=True)) > best(judged(larger, nats))
 
 
-def test_a_whole_map_is_surer_than_a_part_of_it_and_one_of_another_plan_is_unsure() -> None:
-    """Of real maps, in whole plans and in plans that may lack rooms."""
-    plan, other = as_map(SMALL), as_map(a_graph(flat(np.random.default_rng(9), 11, 8)))
-    for partial in (False, True):
-        chances = []
-        for rooms in (1, 2, 6):
-            kept = [room.id for room in plan.rooms[:rooms]]
-            part = replace(
-                plan, rooms=plan.rooms[:rooms], wall_surfaces=tuple(w for w in plan.wall_surfaces if w.room in kept)
-            )
-            answer = matcher("voting").match(moved(part, 1.0, 2.0, 3.0), SMALL, partial=partial)
-            chances.append(answer.hypotheses[0].probability or 0.0)
-        assert chances == sorted(chances) and chances[0] < 0.5 and chances[-1] > 0.98
-        assert matcher("voting").match(other, SMALL, partial=partial).status != "unique"
+def test_a_whole_map_is_surer_than_a_part_of_it_and_one_of_another_plan_is_not_unique() -> None:
+    plan, chances = as_map(SMALL), []
+    for rooms in (1, 2, 6):
+        kept = {room.id for room in plan.rooms[:rooms]}
+        walls = tuple(wall for wall in plan.wall_surfaces if wall.room in kept)
+        part = replace(plan, rooms=plan.rooms[:rooms], wall_surfaces=walls)
+        chances.append(matcher("voting").match(moved(part, 1.0, 2.0, 3.0), SMALL).hypotheses[0].probability or 0.0)
+    assert chances == sorted(chances) and chances[0] < 0.5 and chances[-1] > 0.98
+    other = as_map(a_graph(flat(np.random.default_rng(9), 11, 8)))
+    assert matcher("voting").match(other, SMALL).status != "unique"
 
 
 def test_a_reason_counts_alternatives_by_storeys(found: Hypotheses) -> None:

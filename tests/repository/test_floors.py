@@ -26,7 +26,7 @@ FLOORS = {  # sub-packages and modules of each package, the lowest first
     "mapping backend loops tracking anchoring adjustment as_built cloud_to_model report session slam warm_up "
     "inspection viewer export cli run evalio_pipeline live other_slam",
     "evaluation": "metrics study rows tables render running buildings conditions peers variants drive stand_ins "
-    "tracker outcome elements run calibration matching studies",
+    "tracker outcome elements run calibration known_maps matching studies",
 }
 
 

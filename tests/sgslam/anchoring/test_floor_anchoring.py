@@ -27,9 +27,9 @@ class Changed:
     plan: SceneGraph | None = None
     asked: int = 0
 
-    def match(self, s: SceneGraph, a: SceneGraph, partial: bool = False) -> MatchResult:
+    def match(self, s: SceneGraph, a: SceneGraph) -> MatchResult:
         self.asked += 1
-        answer = Matcher.load().match(s, self.plan or a, partial=partial)
+        answer = Matcher.load().match(s, self.plan or a)
         return self.changes[min(self.asked, len(self.changes)) - 1](answer, s, a)
 
 

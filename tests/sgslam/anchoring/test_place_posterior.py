@@ -9,7 +9,7 @@ from plans import a_graph, box
 from data import Floor
 from matching import MatchResult
 from matching.result import Hypothesis
-from sgslam.anchoring.place_posterior import PlacePosterior, joint_posterior, place_posterior
+from sgslam.anchoring.place_posterior import Place, PlacePosterior, in_known_map, joint_posterior, place_posterior
 from sgslam.anchoring.plan import Plan, match_at
 from sgslam.config import AnchorSettings
 
@@ -138,6 +138,31 @@ def test_a_floor_that_shows_no_place_leaves_it_to_the_others() -> None:
         assigned, found = together(*matches)
         assert found.places[0].floor == assigned[0] == storey
         assert found.places[0].probability == pytest.approx(0.995, abs=1e-3)
+
+
+def in_map(conflict: float, *probabilities: float, mirrored: float = 0.0) -> PlacePosterior:
+    """The posterior in the map of an earlier run, by a model that is known."""
+    places = tuple(Place((0.0, 10.0 * k, 0.0), None, p) for k, p in enumerate(probabilities))
+    return in_known_map(PlacePosterior(places, mirrored), conflict, (0.5, -10.0, 0.0))
+
+
+def test_a_place_in_a_known_map_is_probable_if_it_leads_all_others_and_no_wall_stands_in_free_space() -> None:
+    """By hand: it leads by ln 4 and by ln 25 nats; the share in conflict of 0.01 costs one."""
+    for conflict, cost in ((0.0, 0.0), (0.01, 1.0)):
+        for best, other in ((0.75, 0.25), (0.96, 0.04)):
+            found = in_map(conflict, best, other)
+            assert found.places[0].probability == pytest.approx(1 / (1 + np.exp(cost) * np.sqrt(other)))
+    unlisted = in_map(0.0, 0.6, 0.2)
+    assert unlisted.places[0].probability == in_map(0.0, 0.75, 0.25).places[0].probability  # the plan lacks rooms
+
+
+def test_what_the_best_place_in_a_known_map_gains_the_others_lose() -> None:
+    for conflict in (0.0, 0.2):
+        found = in_map(conflict, 0.5, 0.3, 0.1, mirrored=0.05)
+        known = [place.probability for place in found.places]
+        assert sum(known) + found.mirrored + found.outside == pytest.approx(1.0) and found.mirrored == 0.05
+        assert known[1] == pytest.approx(3 * known[2]) == pytest.approx(6 * found.outside)
+    assert in_map(0.0, 1.0).places[0].probability > 0.99 and in_map(0.0) == PlacePosterior()
 
 
 def test_a_match_at_another_place_has_its_walls_there() -> None:

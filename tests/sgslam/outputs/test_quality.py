@@ -156,7 +156,7 @@ def test_the_signals_of_a_place() -> None:
         ("planned_walls_crossed", 3.0, "crosses 3 walls"),
         ("plan_tilt_deg", 2.34, "2.3 degrees"),
         ("map_against_odometry", 0.05, "5.0% of the way"),
-        ("walls_looked_through", 0.12, "12.0% of its rays"),
+        ("walls_looked_through", 0.12, "12% of the walls"),
         ("position_sigma_m", 0.4, "0.40 m"),
     ],
 )
