@@ -21,6 +21,7 @@ from matching.engine.field_loops import SIGMA_SCORE
 from matching.engine.hypotheses import Hypotheses
 from matching.result import START_M, Status
 
+LEAST_SURFACES = 5  # of the map that have a partner: with fewer, any plan of a few walls would do
 SURE = 0.98  # probability of the best place of an answer that is unique
 PLACES_PER_M2 = 40.0  # that a vote can separate: four directions of the grid, a third of a metre
 SHIPPED = Path(__file__).parents[1] / "weights" / "calibration.json"
@@ -125,7 +126,8 @@ def verify(found: Hypotheses, pairs: Pairs, near_start: bool = False) -> Verdict
     """Returns the verdict on hypotheses, best first, at least one; `pairs` are the matches of the first. `near_start`:
     a start was given, and they were looked for only there."""
     signs, model = Signs.of(found, near_start), shipped()
-    own, in_plan, among = matched(pairs, len(found.scene.s)), model.in_plan(signs), model.among(signs)
+    own, among = matched(pairs, len(found.scene.s)), model.among(signs)
+    in_plan = model.in_plan(signs) if len(pairs.surfaces) >= LEAST_SURFACES else 0.0
     probabilities, unit = tuple((in_plan * among).tolist()), model.temperature(signs, is_mirrored=True)
     if probabilities[0] >= SURE:
         return Verdict("unique", f"{own}; no other place explains the map nearly as well", probabilities, unit)

@@ -71,7 +71,17 @@ def test_an_answer_has_the_form_of_matches_json_and_is_its_first_hypothesis(meth
     result = matcher(method).match(s, a)
     value = json.loads(json.dumps(result.to_dict(), allow_nan=False))
     assert value == result.to_dict()
-    assert list(value) == ["status", "reason", "rooms", "wall_surfaces", "T_a_s", "floor", "hypotheses", "seconds"]
+    assert list(value) == [
+        "status",
+        "reason",
+        "rooms",
+        "wall_surfaces",
+        "T_a_s",
+        "floor",
+        "hypotheses",
+        "seconds",
+        "temperature",
+    ]
     assert value["status"] in ("unique", "ambiguous", "none") and value["seconds"] >= 0
     assert value["reason"] and "\n" not in value["reason"]
     assert (value["T_a_s"] is None) == (value["status"] == "none")
