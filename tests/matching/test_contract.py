@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from methods import CHIRAL, METHODS, SMALL, as_map, matcher
+from methods import CHIRAL, METHODS, SMALL, VERIFYING, as_map, matcher
 from plans import a_graph, flat, merged, moved
 
 from data import SceneGraph
@@ -71,17 +71,8 @@ def test_an_answer_has_the_form_of_matches_json_and_is_its_first_hypothesis(meth
     result = matcher(method).match(s, a)
     value = json.loads(json.dumps(result.to_dict(), allow_nan=False))
     assert value == result.to_dict()
-    assert list(value) == [
-        "status",
-        "reason",
-        "rooms",
-        "wall_surfaces",
-        "T_a_s",
-        "floor",
-        "hypotheses",
-        "seconds",
-        "temperature",
-    ]
+    names = ["status", "reason", "rooms", "wall_surfaces", "T_a_s", "floor", "hypotheses", "seconds", "temperature"]
+    assert list(value) == names and value["temperature"] > 0
     assert value["status"] in ("unique", "ambiguous", "none") and value["seconds"] >= 0
     assert value["reason"] and "\n" not in value["reason"]
     assert (value["T_a_s"] is None) == (value["status"] == "none")
@@ -91,6 +82,8 @@ def test_an_answer_has_the_form_of_matches_json_and_is_its_first_hypothesis(meth
         assert all(i in in_s and j in in_a and 0 <= c <= 1 for i, j, c in value[pairs])
         assert len({i for i, _, _ in value[pairs]}) == len(value[pairs])
     scores = [h.score for h in result.hypotheses]
+    known = [h.probability for h in result.hypotheses if h.probability is not None]
+    assert all(p >= 0 for p in known) and sum(known) <= 1 + 1e-9 and len(known) == (method in VERIFYING) * len(scores)
     assert scores == sorted(scores, reverse=True) and (scores or result.status == "none")
     if scores:
         first = result.hypotheses[0]

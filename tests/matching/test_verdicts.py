@@ -85,6 +85,13 @@ def test_the_same_evidence_is_less_in_a_larger_plan_and_more_near_a_start(found:
     assert best(judged(larger, nats, start=True)) > best(judged(larger, nats))
 
 
+def test_four_walls_are_too_few_and_five_are_not(found: Hypotheses) -> None:
+    pairs = assign(found, 0)
+    for count, status in ((4, "none"), (5, "unique")):
+        some = verify(found[np.zeros(1, dtype=np.int64)], replace(pairs, surfaces=pairs.surfaces[:count]))
+        assert some.status == status and (some.probabilities[0] > 0.9) is (status == "unique")
+
+
 def test_a_whole_map_is_surer_than_a_part_of_it_and_one_of_another_plan_is_not_unique() -> None:
     plan, chances = as_map(SMALL), []
     for rooms in (1, 2, 6):

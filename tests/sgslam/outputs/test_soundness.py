@@ -30,8 +30,38 @@ def test_each_signal_speaks_for_a_sound_map_or_against_it() -> None:
     """By hand: 2 ln 4 nats for a tilt like that of sound maps; it says nothing halfway, and never more than at the
     medians. A crossing is five times as probable in an unsound map, none 1.8 times as probable in a sound one."""
     tilts = [MODEL.nats("plan_tilt_deg", tilt) for tilt in (0.0, 0.05, 0.1, 0.2, 0.4, 4.0)]
-    assert (nothing["probability"], nothing["storey"]) == (0.0, None)
-    assert (nothing["outside"], nothing["T_bim_map"]) == (1.0, None)
+    assert tilts == pytest.approx(2 * np.log(4) * np.array([1, 1, 1, 0, -1, -1]))
+    crossed = [MODEL.nats("planned_walls_crossed", count) for count in range(4)]
+    assert crossed == pytest.approx(np.log(1.8) - np.log(5) * np.arange(4))
+
+
+def test_signals_that_depend_on_one_another_count_by_a_share() -> None:
+    for unknown in ({}, {"other": 3.0}):
+        assert MODEL.judged(unknown).probability == pytest.approx(1 / (1 + np.exp(-1)))
+    found = MODEL.judged({"plan_tilt_deg": 0.4, "planned_walls_crossed": 1.0})
+    assert found.nats == pytest.approx({"plan_tilt_deg": -2 * np.log(4), "planned_walls_crossed": np.log(1.8 / 5)})
+    assert found.probability == pytest.approx(1 / (1 + np.exp(-1) * 4 * np.sqrt(5 / 1.8)))
+    assert 0.0 <= MODEL.judged({"planned_walls_crossed": 1e4}).probability < 1e-9
+
+
+def test_the_shipped_model_is_consistent() -> None:
+    model = shipped()
+    assert 0 < model.share <= 1
+    assert model.sound.keys() == model.unsound.keys() == {*TYPICAL, "planned_walls_crossed"}
+    for name, (middle, spread) in model.sound.items():
+        is_count = name == "planned_walls_crossed"
+        values = (0.0, 5.0) if is_count else tuple(np.exp([middle, model.unsound[name][0]]))
+        assert spread > 0 and model.unsound[name][1] > 0 and (not is_count or max(spread, model.unsound[name][1]) < 1)
+        assert model.nats(name, values[0]) >= model.nats(name, values[1])
+
+
+def test_a_sliding_door_is_forgiven_and_a_bent_map_is_not() -> None:
+    model, withdraw, kept = shipped(), AnchorSettings().withdraw, []
+    for crossed in range(6):
+        kept.append(model.judged(TYPICAL | {"planned_walls_crossed": float(crossed)}).probability)
+    assert kept[1] > withdraw > kept[4] and kept == sorted(kept, reverse=True)
+    bent = {"plan_tilt_deg": 0.5, "map_against_odometry": 0.01, "position_sigma_m": 0.2, "walls_looked_through": 0.2}
+    assert model.judged(bent | {"planned_walls_crossed": 2.0}).probability < withdraw
 
 
 def test_a_report_of_a_place_is_of_the_best_one_and_whether_the_map_is_sound_there() -> None:
@@ -86,15 +116,6 @@ def test_rays_end_at_walls_unless_the_map_is_bent() -> None:
 def test_a_single_ray_is_an_error_and_several_are_none() -> None:
     for every, keyframes, through in ((5, 1, False), (3, 1, True), (10, 2, False), (10, 3, True), (10, 300, True)):
         assert (share(ALONE, *BEYOND[::every], keyframes=keyframes) > 0.3) is through
-
-
-def test_a_long_run_is_looked_at_evenly() -> None:
-    clouds, poses = KeyframeClouds(voxel=1e-4), np.stack([SENSOR] * 200)
-    for keyframe in range(200):
-        y = np.linspace(0.5, 2.5, 400)
-        ends = np.column_stack([np.full(400, 5.0 if keyframe % 100 < 50 else 3.98), y, np.ones((400, 2))])
-        clouds.add(keyframe, (ends @ np.linalg.inv(SENSOR).T)[:, :3])
-    assert share_looked_through(poses, list(range(200)), clouds, ROOM) == pytest.approx(0.5, abs=0.02)
 
 
 def test_only_what_stands_up_to_the_ceiling_hides_what_is_behind_it() -> None:
