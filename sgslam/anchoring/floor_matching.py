@@ -146,5 +146,4 @@ class FloorMatching(Stateful):
             return ""
         if self.possible_storeys and favoured not in self.possible_storeys:
             return HEIGHT_REASON
-        best = posterior.places[0].probability
-        return f"the best place has a probability of {best:.1%}, less than {self._settings.commit:.1%}"
+        return f"the best place has a probability of {100 * posterior.places[0].probability:.1f} %, which is too little"

@@ -1,6 +1,7 @@
 """Assembles the result of a run from its final map."""
 
 import logging
+import math
 from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 _COVARIANCES = 50  # poses whose covariance is computed
+_NEARLY = 0.9  # probability of a place from which on the user may accept it
 _HELPS = {  # by the status of an answer of the matcher
     "ambiguous": "to tell these places apart, visit more rooms, name the storey (--storey NAME), or give a rough start "
     "pose (--start X,Y,YAW)",
@@ -70,7 +72,7 @@ def assemble_result(
     in_bim = known if T_bim_map is not None else None
     told = ScanUncertainty.joined([place.own, *_apart(unplaced, config)])
     if T_bim_map is None:
-        advice = [*advice, *_not_anchored_advice(floors, run, bim, matches, reason)]
+        advice = [*advice, *_not_anchored_advice(floors, run, bim, matches, reason), *_nearly_sure(place.place, config)]
         apart = int((told.part > 0).sum())
         if apart and anchoring is not None:
             reason = f"{reason}; the map has several parts: {apart} of {len(told.part)} scans are not in the first"
@@ -173,6 +175,16 @@ def _not_anchored_advice(
     for line in advice:
         _log.warning("%s", line)
     return advice
+
+
+def _nearly_sure(place: PlaceReport | None, config: Config) -> list[str]:
+    """A line, where a place is probable but not enough to be anchored there."""
+    least = math.floor(1000 * (0.0 if place is None else place.probability)) / 1000
+    if not _NEARLY <= least < config.anchors.commit:
+        return []
+    line = f"the best place has a probability of {100 * least:.1f} %; --set anchors.commit={least:g} accepts that"
+    _log.warning("%s", line)
+    return [line]
 
 
 def _first_anchor_s(final: ActiveMap, run: RunPoses) -> float | None:

@@ -9,6 +9,7 @@ from boxes import Array, pose
 from data import Floor, SceneGraph, WallSurface
 from sgslam.anchoring.place_posterior import Place, PlacePosterior
 from sgslam.anchoring.soundness import SoundnessModel, shipped
+from sgslam.config import AnchorSettings
 from sgslam.mapping import KeyframeClouds
 from sgslam.session.place_report import PlaceReport
 from sgslam.session.soundness.free_space import share_looked_through
