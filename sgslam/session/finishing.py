@@ -179,7 +179,8 @@ def _not_anchored_advice(
 
 def _nearly_sure(place: PlaceReport | None, config: Config) -> list[str]:
     """A line, where a place is probable but not enough to be anchored there."""
-    least = math.floor(1000 * (0.0 if place is None else place.probability)) / 1000
+    is_open = place is not None and place.T_bim_map is None  # else it was refused for another reason
+    least = math.floor(1000 * place.probability) / 1000 if place is not None and is_open else 0.0
     if not _NEARLY <= least < config.anchors.commit:
         return []
     line = f"the best place has a probability of {100 * least:.1f} %; --set anchors.commit={least:g} accepts that"
