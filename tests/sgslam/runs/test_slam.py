@@ -139,10 +139,10 @@ def test_live_sigma_is_unknown_at_first_and_grows_where_nothing_is_seen(anchored
     assert ((ratio > 1 / 3) & (ratio < 3)).all()
 
 
-def run_with(withdraw: float = 0.5, **limits: float) -> Result:
+def run_with(withdraw: float = 0.5, commit: float = 0.99, **limits: float) -> Result:
     """The drive until it is anchored."""
     drive = small_drive()
-    config = Config(quality=QualitySettings(**limits), anchors=AnchorSettings(withdraw=withdraw))
+    config = Config(quality=QualitySettings(**limits), anchors=AnchorSettings(withdraw=withdraw, commit=commit))
     return fed(SceneGraphSlam(drive.bim, config=config), drive.scans[:150]).finish()
 
 
@@ -179,6 +179,14 @@ def test_a_place_that_is_not_probable_enough_is_withdrawn_and_the_reason_says_wh
     assert result.place is not None and result.place.T_bim_map is not None  # what was withdrawn
     advised = re.search(r"--set anchors.withdraw=(\S+)", result.reason)
     assert advised is not None and run_with(withdraw=float(advised[1])).anchored
+
+
+@pytest.mark.slow
+def test_a_place_that_is_nearly_sure_comes_with_what_accepts_it() -> None:
+    result = run_with(commit=1 - 1e-9)
+    assert not result.anchored and result.place is not None and result.place.T_bim_map is None
+    advised = re.search(r"--set anchors.commit=(\S+)", "".join(result.advice))
+    assert advised is not None and run_with(commit=float(advised[1])).anchored
 
 
 def test_a_part_begins_level_at_the_last_known_place_and_heading() -> None:
