@@ -58,8 +58,8 @@ def test_real_floors_with_the_noise_of_real_scans(method: str) -> None:
 
 
 def test_confidences_are_probabilities_whether_the_map_is_in_the_plan_or_not() -> None:
-    """In ten bins, the share of right pairs is the mean confidence but for 0.1 (measured: 0.02), where one plan in twenty
-    is of another building; there confidences are lower (0.5 instead of 0.99)."""
+    """In ten bins, the share of right pairs is the mean confidence but for 0.1 (measured: 0.02), where one plan in
+    twenty is of another building; there confidences are lower (0.5 instead of 0.99)."""
     plans = [a_graph(flat(np.random.default_rng(seed))) for seed in range(20, 25)]
     pairs: list[tuple[float, bool, float]] = []
     for n, (plan, noise) in enumerate(itertools.product(plans, ("real", "drift", "mis_segmented"))):
