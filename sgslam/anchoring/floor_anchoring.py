@@ -80,7 +80,7 @@ class FloorAnchoring:
     def update(self, floor: FloorMap, scene: Scene, T_map_local: Floats | None, last: bool) -> Anchors | None:
         """Returns the anchors that hold now; None where there are none.
 
-        Without anchors, the matcher is asked if the S-graph has grown enough, or if it is the `last` time. With
+        Without anchors, the matcher is asked about each new map, and the `last` time in any case. With
         anchors, walls are aligned by position, and the matcher is asked again only where too few stand as planned.
         `T_map_local` (4, 4) is the back end's estimate of the local frame, None where it has none.
         """

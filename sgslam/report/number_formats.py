@@ -24,13 +24,9 @@ def thousands(value: int | None) -> str:
 
 def percent(probability: float) -> str:
     """A probability, never as certain."""
-    return (
-        f"{100 * probability:.1f} %"
-        if 0.0005 <= probability < 0.9995
-        else "over 99.9 %"
-        if probability > 0.5
-        else "under 0.1 %"
-    )
+    if 0.0005 <= probability < 0.9995:
+        return f"{100 * probability:.1f} %"
+    return "over 99.9 %" if probability > 0.5 else "under 0.1 %"
 
 
 def metres(value: float | None) -> str:
