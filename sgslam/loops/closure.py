@@ -1,13 +1,12 @@
 """Loop closure: revisited places are proposed, searched, registered, and checked for consistency.
 
 A false closure damages the map, a missed one does not: in doubt none is made. A closure must lie within the possible
-drift (`candidates`). No other place may fit nearly as well (`search`). The scans of both passes must overlap and
-constrain all directions (`registration`), and neither pass may see through the other's walls. For large corrections,
-several closures must agree (pairwise consistency; Mangelson et al., ICRA 2018).
+drift, and no other place within it may fit nearly as well. The scans of both passes must overlap and constrain all
+directions, and neither pass may see through the other's walls. For large corrections, several closures must agree
+(pairwise consistency; Mangelson et al., ICRA 2018).
 """
 
 import logging
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -15,19 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.config.loop_settings import LoopSettings
-from sgslam.geometry.frames import inverse, se2_to_se3, transform_points
-from sgslam.loops.candidates import Pass, Ties, passes_near, tied_by_walls, way_driven
-from sgslam.loops.likeness import Widths, similar, similar_rooms
-from sgslam.loops.registration import Submap, register
-from sgslam.loops.search import SeenSpace, agreement, search
-from sgslam.mapping import Closure, KeyframeNode, Scene, WallMap
+from sgslam.geometry.frames import angle_of, inverse, transform_points
+from sgslam.loops.pass_alignment import INLIER, SeenSpace, Submap, covariance_of, level_frame, register, search
+from sgslam.mapping import Closure, KeyframeNode, WallMap
 
 Floats = NDArray[np.float64]
 Index = NDArray[np.int64]
-Similar = Mapping[str, Index]  # similar keyframes, by the criterion
 _log = logging.getLogger(__name__)
-_PASSES = 3  # earlier passes that are tried for a keyframe
-_CLOUDS = 10  # keyframes of a registered submap at most
+_SUBMAP, _CLOUDS = 8.0, 10  # m of way on either side of a keyframe that make a pass; keyframes that are registered
+_SPACING, _SEARCHES = 2.0, 2  # m between places that are searched for; of these at most at each look
+_VIEW = 2.5  # m between two places from which much the same is seen
+_DRIFT, _TURN = 0.3, 0.075  # m that a map is off at least; rad of heading for each metre of drift
+_AGREEMENT, _DISTINCT = 0.8, 0.12  # least agreement, and its margin over other places
+_INLIERS, _HELD = 0.7, 0.02  # least shares of inliers, and of those that constrain the weakest direction
+_ALONE, _TOGETHER = (0.3, 0.03), 3  # m and rad that a single closure may correct; closures that may correct more
+_AGREE = 0.1, 0.015  # m and rad between two closures that agree, besides the drift between them
+_SIGMA = np.array([0.004] * 3 + [0.02] * 3)  # rad and m, of a closure: the map within a pass errs too
 
 
 class Clouds(Protocol):
@@ -38,8 +40,8 @@ class Clouds(Protocol):
 
 @dataclass(frozen=True)
 class _Map:
-    """The present map: poses (K, 4, 4) of all keyframes in the levelled map, places (K, 2), way driven (K,), and
-    whether each is on the present floor (K,)."""
+    """The present map: T_level_sensor (K, 4, 4) of all keyframes in the levelled map, places (K, 2), metres driven
+    (K,), and whether each is on the present floor (K,)."""
 
     keyframes: list[KeyframeNode]
     clouds: Clouds
@@ -48,14 +50,15 @@ class _Map:
     way: Floats
     on_floor: NDArray[np.bool_]
 
-    def T_level_frame(self, i: int) -> Floats:  # noqa: N802
-        """(4, 4) a level frame at the place of keyframe i, with its heading."""
-        T = self.T_level_sensor[i]
-        return se2_to_se3(float(np.arctan2(T[1, 0], T[0, 0])), *T[:3, 3].tolist())
-
     def space(self, chosen: Index) -> SeenSpace:
         outlines = [transform_points(self.T_level_sensor[k], self.keyframes[k].outline)[:, :2] for k in chosen]
         return SeenSpace.of(self.places[chosen], outlines)
+
+    def submap(self, chosen: Index, i: int) -> Submap:
+        """The clouds of the `chosen` keyframes that are nearest to keyframe i along the way, in its level frame."""
+        own = np.sort(chosen[np.argsort(np.abs(self.way[chosen] - self.way[i]), kind="stable")[:_CLOUDS]])
+        T = inverse(level_frame(self.T_level_sensor[i])) @ self.T_level_sensor[own]
+        return Submap.of([self.clouds[k] for k in own.tolist()], T)
 
 
 class LoopCloser:
@@ -70,57 +73,47 @@ class LoopCloser:
         self.closures = [] if closures is None else closures
         self.withdrawn: list[tuple[Closure, str]] = []  # closures that were removed, and why
         self._pending: list[Closure] = []
-        self._tied = np.empty((0, 2), dtype=np.int64)
-        self._widths: dict[int, Widths] = {}  # by keyframe, computed once
         self._looked, self._last_way = looked, -np.inf  # keyframes processed; way at the last search
 
-    def look(
-        self, keyframes: list[KeyframeNode], storey: int, walls: WallMap, clouds: Clouds, scene: Scene | None = None
-    ) -> list[Closure]:
-        """Returns the closures accepted on one floor since the last call; `scene` is that of the floor."""
-        settings, began = self._settings, self._looked
-        self._looked = len(keyframes)
-        if not settings.enabled or len(keyframes) < 3:
+    def look(self, keyframes: list[KeyframeNode], storey: int, T_level_map: Floats, clouds: Clouds) -> list[Closure]:
+        """Returns the closures accepted on one floor since the last call; T_level_map (4, 4) levels the map."""
+        began, self._looked = self._looked, len(keyframes)
+        if not self._settings.enabled or len(keyframes) < 3:
             return []
-        T = walls.T_level_map @ np.stack([k.T_map_sensor for k in keyframes])
+        T = T_level_map @ np.stack([k.T_map_sensor for k in keyframes])
         here = np.array([k.storey == storey for k in keyframes])
-        known = _Map(keyframes, clouds, T, T[:, :2, 3], way_driven(T[:, :2, 3]), here)
-        if known.way[-1] < settings.gap:
-            return []
-        new = began + np.flatnonzero(here[began:])
-        tied = tied_by_walls(new, known.places, known.way, *_incidence(walls, len(keyframes)), settings.gap)
-        self._tied = np.concatenate([self._tied, tied[_spread(known.way[tied[:, 0]], settings.spacing)]])
+        known = _Map(keyframes, clouds, T, T[:, :2, 3], _way(T), here)
         accepted: list[Closure] = []
-        chosen = self._places(known, new, set(tied[:, 0].tolist()))
-        likeness = self._similar(known, chosen, walls, scene)
-        for i in chosen:
-            found = self._close(known, i, likeness[i])
-            if found is not None:
+        for i in self._places(known, began + np.flatnonzero(here[began:])):
+            earlier, drift = self._pass_near(known, i)
+            found = self._verified(known, i, earlier, drift) if len(earlier) else None
+            if isinstance(found, str):
+                _log.debug("keyframe %d closes no loop: %s", i, found)
+            elif found is not None:
                 self._pending.append(found)
                 accepted += self._accepted(known)
         return accepted
 
     def part_walls(self, closures: list[Closure], walls: WallMap, keyframes: list[KeyframeNode]) -> None:
-        """Separates walls that were joined across two passes which a closure moves far apart.
+        """Separates walls that were joined across two passes which a closure moves apart.
 
         While the map was off, observations may have been associated with a neighbouring wall. Walls that coincide
         afterwards are joined again.
         """
-        way = way_driven(np.stack([k.T_map_sensor[:2, 3] for k in keyframes]))
+        way = _way(np.stack([k.T_map_sensor for k in keyframes]))
         for closure in closures:
-            if closure.correction > self._settings.rejoin:
+            if closure.correction > INLIER:
                 before = way[closure.later] - way
-                later, earlier = np.flatnonzero(before < self._settings.submap), before > self._settings.gap
-                walls.part(set(later.tolist()), set(np.flatnonzero(earlier).tolist()))
+                later, earlier = np.flatnonzero(before < _SUBMAP), np.flatnonzero(before > self._settings.gap)
+                walls.part(set(later.tolist()), set(earlier.tolist()))
 
     def contradicted(self, keyframes: list[KeyframeNode]) -> list[tuple[Closure, str]]:
         """Removes the closures that the optimum contradicts; returns each with the reason."""
         gone = []
         for closure in self.closures:
             T = inverse(keyframes[closure.earlier].T_map_sensor) @ keyframes[closure.later].T_map_sensor
-            left = inverse(closure.T_earlier_later) @ T
-            off = float(np.linalg.norm(left[:3, 3]))
-            if off > self._settings.contradicted:
+            off = float(np.linalg.norm((inverse(closure.T_earlier_later) @ T)[:3, 3]))
+            if off > _ALONE[0]:
                 gone.append((closure, f"after the optimisation, its residual is {off:.2f} m"))
         lost = {id(closure) for closure, _ in gone}
         self.closures[:] = [closure for closure in self.closures if id(closure) not in lost]
@@ -129,121 +122,84 @@ class LoopCloser:
 
     def state(self) -> dict[str, Any]:
         """Returns the state without `closures`, as a tree (see `state_tree`)."""
-        return {
-            "withdrawn": list(self.withdrawn), "pending": list(self._pending), "tied": self._tied,
-            "looked": self._looked, "last_way": self._last_way,
-        }  # fmt: skip
+        of = {"withdrawn": list(self.withdrawn), "pending": list(self._pending)}
+        return {**of, "looked": self._looked, "last_way": self._last_way}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Restores what `state` returned."""
-        self._pending, self._tied = state["pending"], state["tied"]
-        self._looked, self._last_way, self.withdrawn = state["looked"], state["last_way"], state["withdrawn"]
+        self._pending, self.withdrawn = state["pending"], state["withdrawn"]
+        self._looked, self._last_way = state["looked"], state["last_way"]
 
-    def _similar(self, known: _Map, chosen: list[int], walls: WallMap, scene: Scene | None) -> dict[int, Similar]:
-        """For each chosen keyframe, those with similar wall distances, and those in similar rooms."""
-        if not chosen:
-            return {}
-        planes: dict[int, list[Floats]] = {}
-        for s in walls.seen:
-            if s.keyframe not in self._widths:
-                planes.setdefault(s.keyframe, []).append(s.plane)
-        self._widths |= {k: Widths.of(k, np.stack(own)) for k, own in planes.items()}
-        widths = Widths.together([w for k, w in self._widths.items() if known.on_floor[k]]).turned(known.T_level_sensor)
-        rooms = {} if scene is None else similar_rooms(scene)
-        return {
-            i: {"walls": similar(widths.by(i), widths), "room": np.array(rooms.get(i, []), dtype=np.int64)}
-            for i in chosen
-        }
-
-    def _ties(self) -> Ties:
-        own = np.array([(c.later, c.earlier) for c in self.closures], dtype=np.int64).reshape(-1, 2)
-        return Ties(np.concatenate([self._tied, own]))
-
-    def _places(self, known: _Map, new: Index, held: set[int]) -> list[int]:
+    def _places(self, known: _Map, new: Index) -> list[int]:
         """The keyframes to search for now: spread over the way, the newest first."""
         chosen: list[int] = []
         ways: list[float] = [self._last_way]
         for i in new[::-1].tolist():
-            if i in held or len(chosen) >= self._settings.searches:
-                continue
-            if min(abs(known.way[i] - w) for w in ways) >= self._settings.spacing:
+            if len(chosen) < _SEARCHES and min(abs(known.way[i] - w) for w in ways) >= _SPACING:
                 chosen.append(i)
                 ways.append(float(known.way[i]))
         if chosen:
             self._last_way = max(ways)
         return chosen[::-1]
 
-    def _close(self, known: _Map, i: int, likeness: Similar) -> Closure | None:
-        """The verified closure of keyframe i to an earlier pass; None where there is none."""
-        at = known.places, known.way, known.on_floor
-        for earlier in passes_near(i, *at, self._ties(), self._settings, likeness)[:_PASSES]:
-            closure = self._verified(known, i, earlier)
-            if closure is not None:
-                return closure
-        return None
+    def _pass_near(self, known: _Map, i: int) -> tuple[Index, float]:
+        """The nearest earlier pass that keyframe i may have come back to, and how far (m) the map may be off there."""
+        before = known.way[i] - known.way
+        older = np.flatnonzero(known.on_floor & (before > self._settings.gap))
+        drift = np.minimum(_DRIFT + self._settings.drift * before[older], self._settings.most_drift)
+        off = np.linalg.norm(known.places[older] - known.places[i], axis=1)
+        possible = np.flatnonzero(off < drift + _VIEW)
+        if not len(possible):
+            return older[:0], 0.0
+        nearest = int(possible[np.argmin(off[possible])])
+        return older[np.abs(known.way[older] - known.way[older[nearest]]) < _SUBMAP], float(drift[nearest])
 
-    def _verified(self, known: _Map, i: int, earlier: Pass) -> Closure | None:
-        settings = self._settings
-        later = np.flatnonzero(known.on_floor & (np.abs(known.way - known.way[i]) < settings.submap))
-        later = later[known.way[later] - known.way[earlier.keyframes].max() > settings.gap / 2]
-        there, here = known.space(earlier.keyframes), known.space(later)
-        if len(here.points) < 50:
-            return None
-        fit = search(there, here.points, known.places[i], earlier.drift, earlier.turn, settings)
-        if fit.overlap < settings.overlap or fit.agreement < settings.agreement:
-            return self._refused(i, f"agreement {fit.agreement:.2f}, overlap {fit.overlap:.2f}")
-        if fit.runner_up > fit.agreement - settings.distinct:
-            return self._refused(i, f"another place fits as well ({fit.runner_up:.2f} and {fit.agreement:.2f})")
-        T_level = se2_to_se3(*fit.motion.tolist()) @ known.T_level_sensor[i]
-        j = int(earlier.keyframes[np.argmin(np.linalg.norm(known.places[earlier.keyframes] - T_level[:2, 3], axis=1))])
-        target, source = (
-            Submap.of([known.clouds[k] for k in own.tolist()], known.T_level_sensor[own], known.T_level_frame(at))
-            for own, at in ((_nearest(known, earlier.keyframes, j), j), (_nearest(known, later, i), i))
-        )
-        T_frame_sensor = inverse(known.T_level_frame(i)) @ known.T_level_sensor[i]
-        guess = inverse(known.T_level_frame(j)) @ T_level @ inverse(T_frame_sensor)
-        found = register(target, source, guess, settings)
-        if found is None:
-            return self._refused(i, "no registration")
-        moved = inverse(guess) @ found.T_target_source
-        if np.linalg.norm(moved[:3, 3]) > settings.moved or _angle(moved) > settings.turned:
-            return self._refused(i, "the registration moves away from the place that was found")
-        if found.inliers < settings.inliers or found.error > settings.inlier_error or found.held < settings.held:
-            return self._refused(i, f"inliers {found.inliers:.2f}, error {found.error:.3f} m, held {found.held:.3f}")
-        T_level_later = known.T_level_frame(j) @ found.T_target_source @ T_frame_sensor
+    def _verified(self, known: _Map, i: int, earlier: Index, drift: float) -> Closure | str:
+        """The closure of keyframe i to an earlier pass, or why there is none."""
+        later = np.flatnonzero(known.on_floor & (np.abs(known.way - known.way[i]) < _SUBMAP))
+        later = later[known.way[later] - known.way[earlier].max() > self._settings.gap / 2]
+        # search: one place must fit, within the drift, and no other one nearly as well
+        there, here = known.space(earlier), known.space(later)
+        fit = search(there, here.points, known.places[i], drift, _TURN * drift)
+        if fit is None or fit.agreement < _AGREEMENT:
+            return "no place fits" if fit is None else f"agreement {fit.agreement:.2f}"
+        if fit.runner_up > fit.agreement - _DISTINCT:
+            return f"another place fits as well ({fit.runner_up:.2f} and {fit.agreement:.2f})"
+        # registration, from there
+        T_level = fit.T_there_here @ known.T_level_sensor[i]
+        j = int(earlier[np.argmin(np.linalg.norm(known.places[earlier] - T_level[:2, 3], axis=1))])
+        T_level_i, T_level_j = level_frame(known.T_level_sensor[i]), level_frame(known.T_level_sensor[j])
+        T_frame_sensor = inverse(T_level_i) @ known.T_level_sensor[i]
+        guess = inverse(T_level_j) @ fit.T_there_here @ T_level_i
+        found = register(known.submap(earlier, j), known.submap(later, i), guess)
+        if found is None or found.inliers < _INLIERS or found.held < _HELD:
+            return "no registration" if found is None else f"inliers {found.inliers:.2f}, held {found.held:.3f}"
+        # neither pass may see free space where the other sees walls
+        T_level_later = T_level_j @ found.T_target_source @ T_frame_sensor
         motion = T_level_later @ inverse(known.T_level_sensor[i])
-        shares = [
-            agreement(space, transform_points(T, _upright(points))[:, :2])
-            for space, points, T in ((there, here.points, motion), (here, there.points, inverse(motion)))
-        ]
-        if min(agreed for _, agreed in shares) < settings.agreement:
-            return self._refused(i, "one pass sees free space where the other sees surfaces")
-        correction, turn = float(np.linalg.norm(T_level_later[:3, 3] - known.T_level_sensor[i][:3, 3])), _angle(motion)
-        why = (
-            f"keyframe {i} revisits keyframe {j}: {found.inliers:.0%} of its points within "
-            f"{100 * settings.inlier_distance:.0f} cm, agreement {fit.agreement:.2f}, next best {fit.runner_up:.2f}"
-        )
+        for space, points, T in ((there, here.points, motion), (here, there.points, inverse(motion))):
+            if space.agreement(transform_points(T, np.pad(points, ((0, 0), (0, 1))))[:, :2]) < _AGREEMENT:
+                return "one pass sees free space where the other sees surfaces"
+        correction = float(np.linalg.norm(T_level_later[:3, 3] - known.T_level_sensor[i][:3, 3]))
         T_earlier_later = inverse(known.T_level_sensor[j]) @ T_level_later
-        turned = np.kron(np.eye(2), T_frame_sensor[:3, :3].T)
-        covariance = turned @ found.covariance @ turned.T
-        return Closure(j, i, T_earlier_later, (covariance + covariance.T) / 2, correction, turn, earlier.by, why)
-
-    def _refused(self, i: int, why: str) -> Closure | None:
-        _log.debug("keyframe %d closes no loop: %s", i, why)
-        return None
+        why = (
+            f"keyframe {i} revisits keyframe {j}: {found.inliers:.0%} of its points within {100 * INLIER:.0f} cm, "
+            f"agreement {fit.agreement:.2f}, next best {fit.runner_up:.2f}"
+        )
+        covariance = covariance_of(found, T_frame_sensor, _SIGMA)
+        return Closure(j, i, T_earlier_later, covariance, correction, angle_of(motion), "position", why)
 
     def _accepted(self, known: _Map) -> list[Closure]:
         """The pending closures that can be accepted now."""
-        settings, newest = self._settings, self._pending[-1]
+        newest = self._pending[-1]
         agreeing = [c for c in self._pending if self._agree(known, c, newest)]
-        if newest.correction > settings.alone or newest.turn > settings.alone_turn:
-            ways = known.way[[c.later for c in agreeing]]
-            if len(agreeing) < settings.together or np.ptp(ways) < settings.apart:
-                return []
+        is_large = newest.correction > _ALONE[0] or newest.turn > _ALONE[1]
+        if is_large and len(agreeing) < _TOGETHER:
+            return []
         self._pending = [c for c in self._pending if all(c is not a for a in agreeing)]
         self.closures += agreeing
         for closure in agreeing:
-            _log.info("loop closed by %s: %s", closure.by, closure.why)
+            _log.info("loop closed: %s", closure.why)
         return agreeing
 
     def _agree(self, known: _Map, a: Closure, b: Closure) -> bool:
@@ -252,37 +208,12 @@ class LoopCloser:
         first, second = (T[c.earlier] @ c.T_earlier_later @ inverse(T[c.later]) for c in (a, b))
         apart = abs(known.way[a.later] - known.way[b.later]) + abs(known.way[a.earlier] - known.way[b.earlier])
         off = transform_points(first, T[b.later][:3, 3]) - transform_points(second, T[b.later][:3, 3])
-        turned = _angle(inverse(first) @ second)
-        return bool(
-            np.linalg.norm(off) < 0.1 + self._settings.drift * apart and turned < 0.015 + self._settings.turn * apart
-        )
+        drift = self._settings.drift * apart
+        turned = angle_of(inverse(first) @ second)
+        return bool(np.linalg.norm(off) < _AGREE[0] + drift and turned < _AGREE[1] + _TURN * drift)
 
 
-def _incidence(walls: WallMap, keyframes: int) -> tuple[NDArray[np.float32], Floats]:
-    """(K, W) incidence, 1 where a keyframe saw a wall, and the walls' normals (W, 2)."""
-    lines = walls.lines
-    saw = np.zeros((keyframes, len(lines.ids)), dtype=np.float32)
-    column = {wall: k for k, wall in enumerate(lines.ids.tolist())}
-    pairs = np.array([(s.keyframe, column[s.wall]) for s in walls.seen if s.wall in column], dtype=np.int64)
-    if len(pairs):
-        saw[pairs[:, 0], pairs[:, 1]] = 1.0
-    return saw, lines.normal
-
-
-def _nearest(known: _Map, own: Index, i: int) -> Index:
-    """The keyframes of a pass nearest to keyframe i along the way, in their order."""
-    return np.sort(own[np.argsort(np.abs(known.way[own] - known.way[i]), kind="stable")[:_CLOUDS]])
-
-
-def _spread(way: Floats, spacing: float) -> Index:
-    """The indices of elements of `way` (N,) that are `spacing` apart."""
-    _, first = np.unique(np.floor(way / spacing), return_index=True)
-    return np.sort(first)
-
-
-def _upright(points: Floats) -> Floats:
-    return np.column_stack([points, np.zeros(len(points))])
-
-
-def _angle(T: Floats) -> float:
-    return float(np.arccos(np.clip((np.trace(T[:3, :3]) - 1) / 2, -1.0, 1.0)))
+def _way(T_map_sensor: Floats) -> Floats:
+    """(K,) metres driven up to each of the poses (K, 4, 4), in plan view."""
+    steps = np.linalg.norm(np.diff(T_map_sensor[:, :2, 3], axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(steps)])

@@ -252,7 +252,7 @@ class ActiveMap:
             keyframes, floor = self.backend.keyframes, self.floors.current
             with self.stopwatch("loops"):
                 opened = self.loops.contradicted(keyframes)
-                closed = self.loops.look(keyframes, floor.number, floor.walls, self.clouds, floor.scene)
+                closed = self.loops.look(keyframes, floor.number, floor.walls.T_level_map, self.clouds)
                 self.loops.part_walls(closed, floor.walls, keyframes)
             if not closed and not opened:
                 return

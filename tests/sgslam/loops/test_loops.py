@@ -14,34 +14,13 @@ from sgslam.config import Config, SurfaceSettings
 from sgslam.config.loop_settings import LoopSettings
 from sgslam.geometry.frames import inverse
 from sgslam.loops import LoopCloser
-from sgslam.loops.candidates import Pass, Ties, passes_near, way_driven
-from sgslam.loops.likeness import Widths, similar
-from sgslam.loops.registration import Submap, register
+from sgslam.loops.pass_alignment import Submap, register
 from sgslam.mapping import Closure, KeyframeNode, WallMap
 from sgslam.perception import keyframe_scan
 from sgslam.surfels import SurfelMap
 
 SETTINGS = LoopSettings()
 SENSOR = SpinningSensor(azimuths=450)
-
-
-def passes(way: Array, tie: tuple[int, int] | None = None) -> list[Pass]:
-    """Those by the last of the places (K, 2), where one pair of keyframes is tied and none look alike."""
-    held = Ties(np.empty((0, 2), dtype=np.int64) if tie is None else np.array([tie]))
-    alike = {"walls": np.empty(0, np.int64), "room": np.empty(0, np.int64)}
-    return passes_near(len(way) - 1, way, way_driven(way), np.ones(len(way), bool), held, SETTINGS, alike)
-
-
-def there_and_back(length: int) -> Array:
-    x = np.concatenate([np.arange(length + 1), np.arange(length)[::-1]])
-    return np.column_stack([x, np.zeros(len(x))]).astype(float)
-
-
-def test_who_comes_back_may_be_off_by_more_the_farther_it_went_since_it_was_tied() -> None:
-    assert passes(np.column_stack([np.arange(60.0), np.zeros(60)])) == [], "who never comes back"
-    (near,), (far,), (tied,) = (passes(there_and_back(n), tie) for n, tie in ((12, None), (60, None), (60, (111, 9))))
-    assert near.drift < far.drift <= SETTINGS.most_drift and tied.drift < 0.5 * far.drift
-    assert far.keyframes.max() < 20, "only what was seen where it is now"
 
 
 def offices(count: int, near: float, axis: int = 0) -> list[Box]:
@@ -67,15 +46,15 @@ def scanned(seed: int, around: list[tuple[float, float]], T_map_frame: Array) ->
     """What is seen from places around a corner of the ring."""
     poses = np.stack([pose(X + x, y - Y) for x, y in around])
     clouds = [scan(scene_of(RING), T, SENSOR, 10 * seed + k).astype(np.float32) for k, T in enumerate(poses)]
-    return Submap.of(clouds, poses, T_map_frame)
+    return Submap.of(clouds, inverse(T_map_frame) @ poses)
 
 
 def test_registration_recovers_a_motion_and_knows_its_error() -> None:
     T_true, there = pose(0.2, -0.15, 0.03, 0.03), scanned(0, [(-2.0, 0.0), (0.0, 0.0), (0.0, 2.0)], np.eye(4))
-    found = register(there, scanned(1, [(-1.0, 0.0), (0.0, 1.0)], T_true), np.eye(4), SETTINGS)
+    found = register(there, scanned(1, [(-1.0, 0.0), (0.0, 1.0)], T_true), np.eye(4))
     assert found is not None
     assert np.linalg.norm(found.T_target_source[:3, 3] - T_true[:3, 3]) < 0.02
-    assert found.inliers > 0.9 and found.error < 0.03 and found.held > 2 * SETTINGS.held
+    assert found.inliers > 0.9 and found.held > 0.04
 
 
 @functools.cache
@@ -107,7 +86,7 @@ def closed(building: str, slip: tuple[float, float]) -> tuple[Array, LoopCloser]
     walls, closer = WallMap(SurfaceSettings()), LoopCloser(SETTINGS)
     walls.level_by(pose(0.0, 0.0, 0.8, 0.0))
     for count in range(6, len(keyframes) + 6, 6):
-        closer.look(drifted[:count], 0, walls, clouds)
+        closer.look(drifted[:count], 0, walls.T_level_map, clouds)
     return truth, closer
 
 
@@ -118,8 +97,8 @@ def test_a_ring_is_closed_where_it_was_begun(slip: tuple[float, float]) -> None:
     for c in closer.closures:
         off = inverse(inverse(truth[c.earlier]) @ truth[c.later]) @ c.T_earlier_later
         assert np.linalg.norm(off[:3, 3]) < 0.1
-    much = [c for c in closer.closures if c.correction > SETTINGS.alone]
-    assert not much or len(closer.closures) >= SETTINGS.together
+    much = [c for c in closer.closures if c.correction > 0.3]
+    assert not much or len(closer.closures) >= 3
 
 
 def test_no_loop_is_closed_along_equal_offices() -> None:
@@ -162,19 +141,3 @@ def test_a_closure_that_the_others_contradict_is_given_up() -> None:
     backend.optimise([], [], [], None, steps=20)
     gone = closer.contradicted(backend.keyframes)
     assert [c.T_earlier_later[0, 3] for c, _ in gone] == [-3.0] and backend.closures == right
-
-
-def room(number: int, depth: float, at: tuple[float, float], yaw: float = 0.0, walls: int = 4) -> Widths:
-    """Of the inward planes of a room 3.2 m wide, seen from a place in it, turned by `yaw`."""
-    n = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]], dtype=float)
-    d = np.array([at[0], 3.2 - at[0], at[1], depth - at[1]])
-    return Widths.of(number, np.column_stack([n @ pose(0, 0, 0, yaw)[:3, :3].T, d])[:walls])
-
-
-def test_a_room_is_alike_wherever_the_sensor_stands_and_however_it_is_turned() -> None:
-    poses = np.array([pose(9, 9, 0, -0.8), pose(0, 0, 0), pose(3, 1, 0), pose(5, 5, 0)])
-    here, corridor = room(0, 5.1, (1.0, 2.0), 0.8).turned(poses), room(3, 5.1, (1.0, 2.0), walls=2)
-    known = Widths.together([room(1, 5.1, (2.5, 4.0)), room(2, 4.4, (1.0, 2.0)), corridor])
-    assert similar(here, known.turned(poses)).tolist() == [1]
-    assert len(similar(corridor.turned(poses), corridor.turned(poses))) == 0, "its width alone tells no corridor"
-    assert len(similar(here, Widths.together([]))) == 0
