@@ -24,6 +24,9 @@ from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
+_LEAST_SHARE = 0.5  # of the walls, that stand as planned; below, the map is matched again
+_MOVED = 0.15  # m between the back end's place and the one on which most walls agree, which is taken then
+_SAME_LEVEL = 0.03  # m, likewise of heights
 _MIN_WALLS = 4  # walls as planned, for a floor to take over the place of another one
 
 
@@ -90,7 +93,7 @@ class FloorAnchoring:
         alignment = self.alignment(scene, walls, T_map_local)
         share = 0.0 if alignment is None else alignment.share
         due = last or self.matching.is_due(scene.graph)
-        if due and share < self._config.anchors.least_share:
+        if due and share < _LEAST_SHARE:
             before = self.committed
             self._ask(scene, walls, T_map_local, last)
             if before is not None and self.committed is before and alignment is None:
@@ -122,7 +125,7 @@ class FloorAnchoring:
         yaw, x, y = self._plan.T_a_s(place).tolist()
         reason = "its place follows from the floors above or below"
         own.match = match = MatchResult("unique", reason, T_a_s=(yaw, x, y), floor=storey)
-        if self.aligned_share(scene, walls, T_map_local) < self._config.anchors.least_share:
+        if self.aligned_share(scene, walls, T_map_local) < _LEAST_SHARE:
             own.match = None
             return False
         self.matching.take_over(match, scene, storey, probability)
@@ -217,7 +220,7 @@ class FloorAnchoring:
         planned, by_rooms = planned_walls(alignment, scene, statuses, T_local_level, self._plan.origin)
         place = self.commitment.place_now(walls, T_map_local)
         valid = T_map_local is not None and not self.commitment.replaced
-        moved = differ(alignment.place, place, scene.graph, settings.gate_offset)
+        moved = differ(alignment.place, place, scene.graph, _MOVED)
         if T_map_local is None or not valid or moved or self._is_raised(T_local_level, walls, T_map_local, heights):
             T_map_local = inverse(T_local_level @ walls.T_level_map)
         rooms = room_anchors(scene, by_rooms, self.height) if settings.rooms else {}
@@ -230,7 +233,7 @@ class FloorAnchoring:
     ) -> bool:  # fmt: skip
         """Whether the plan's heights put the map elsewhere than the back end's T_map_local (4, 4)."""
         z = float(inverse(walls.T_level_map @ T_map_local)[2, 3])
-        return heights is not None and abs(z - T_local_level[2, 3]) > self._config.anchors.tolerance
+        return heights is not None and abs(z - T_local_level[2, 3]) > _SAME_LEVEL
 
     def _heights(self, floor: FloorMap, alignment: WallAlignment) -> LevelAlignment | None:
         """The level surfaces of the floor in the plan; None where they, or the plan, do not show its height."""

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from data import LevelSurface, SceneGraph
 from matching.result import MatchResult
 from sgslam.anchoring.place_posterior import Place
-from sgslam.anchoring.wall_association import WallArrays, associate_walls
+from sgslam.anchoring.wall_association import GATE_ANGLE, WallArrays, associate_walls
 from sgslam.config import AnchorSettings
 
 Floats = NDArray[np.float64]
@@ -76,5 +76,5 @@ def _pairs(
     seen, planned = list(s.wall_surfaces), list(a.wall_surfaces)
     s_rooms, a_rooms = ({room.id: k for k, room in enumerate(graph.rooms)} for graph in (s, a))
     placed = WallArrays.of(seen, s_rooms, np.zeros(2)).moved(T_a_s)
-    at = associate_walls(placed, WallArrays.of(planned, a_rooms, np.zeros(2)), settings.reach, settings.gate_angle)
+    at = associate_walls(placed, WallArrays.of(planned, a_rooms, np.zeros(2)), settings.reach, GATE_ANGLE)
     return tuple((seen[i].id, planned[j].id, confidence) for i, j in enumerate(at.tolist()) if j >= 0)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from data import SceneGraph, WallSurface
 from sgslam.anchoring.se2_consensus import Pairs, find_consensus
-from sgslam.anchoring.wall_association import WallArrays, associate_walls
+from sgslam.anchoring.wall_association import GATE_ANGLE, WallArrays, associate_walls
 from sgslam.config import AnchorSettings
 from sgslam.geometry.frames import transform_planes
 from sgslam.mapping import Scene, WallMap
@@ -15,6 +15,7 @@ from sgslam.mapping import Scene, WallMap
 Floats = NDArray[np.float64]
 Surfaces = list[tuple[WallSurface, WallSurface]]  # seen, planned
 _PARALLEL, _THICKEST = 0.999, 0.7  # cosine, and m between the sides of one straight wall
+_LEAST_AGREEING = 0.3  # of a match's walls, that agree on the map's place
 _GROSS = 0.7, np.radians(10)  # m and rad; matched pairs that are further off are ignored
 
 
@@ -62,10 +63,10 @@ def align_walls(
     s, a = _arrays_now(seen, s_rooms, scene, walls), WallArrays.of(planned, a_rooms, origin)
     place = known
     while True:  # what stands where depends on the place, and the place on that
-        which = associate_walls(s.moved(place), a, settings.reach, settings.gate_angle)
+        which = associate_walls(s.moved(place), a, settings.reach, GATE_ANGLE)
         paired = np.flatnonzero(which >= 0)
         pairs = _pairs(s, a, paired, which[paired], [planned[j] for j in which[paired].tolist()])
-        found = find_consensus(pairs, place, settings.gate_angle)
+        found = find_consensus(pairs, place, GATE_ANGLE)
         if found is None:
             return None
         if place is not known:
@@ -97,8 +98,8 @@ def place_from_match(
     pairs = _pairs(s, a, every[near], every[near], [p for p, good in zip(planned, near.tolist(), strict=True) if good])
     if not near.any():
         return None
-    found = find_consensus(pairs, rough, settings.gate_angle)
-    if found is None or found.share * near.mean() < settings.least_agreeing:
+    found = find_consensus(pairs, rough, GATE_ANGLE)
+    if found is None or found.share * near.mean() < _LEAST_AGREEING:
         return None
     return found.T_plan_map
 

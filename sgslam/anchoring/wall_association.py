@@ -10,6 +10,7 @@ from data import WallSurface
 Floats = NDArray[np.float64]
 Index = NDArray[np.int64]
 Flags = NDArray[np.bool_]
+GATE_ANGLE = 0.07  # rad between a mapped wall and the planned one it may be
 _OTHER_ROOM = 0.1  # m, penalty of a planned wall of another room
 _BESIDE = 0.2  # m, penalty of a planned wall that does not overlap the mapped one at all
 _LEAST_SHARE = 0.3  # of the shorter wall that must overlap the other

@@ -17,9 +17,11 @@ import factors
 from sgslam.backend.factor_log import Entry, FactorLog, Key, Kind
 from sgslam.backend.variables import BIM, GROUND, IDENTITY, LEVEL, SAME, middles, planned_walls
 from sgslam.config import Config
-from sgslam.mapping import Anchors, Closure, KeyframeNode, PlannedWall, RoomNode, SeenLevel, SeenWall
+from sgslam.mapping import SMOOTHED, Anchors, Closure, KeyframeNode, PlannedWall, RoomNode, SeenLevel, SeenWall
 
 Floats = NDArray[np.float64]
+_REDESCENDING = 3.0  # whitened residual at which an anchor's weight is a quarter
+_CLOSURE = 3.0  # whitened residual beyond which a loop closure counts less
 _PARALLEL = 0.003  # rad between two floors or ceilings of a building
 _SHORTEST = 0.1  # m of a wall
 
@@ -45,7 +47,7 @@ class GraphBuilder:
         """Adds the odometry's `step` (4, 4) from keyframe i - 1 to keyframe i."""
         keyframe, why = self._keyframes[i], "the step between two keyframes"
         why = f"{why}, poorly constrained by surfaces" if keyframe.weak_step else why
-        share = self._config.odometry.smoothed if keyframe.smoothed else 1.0
+        share = SMOOTHED if keyframe.smoothed else 1.0
         noise = factors.noise_of_covariance(share**2 * keyframe.step_covariance)
         factor = gtsam.BetweenFactorPose3(X(i - 1), X(i), gtsam.Pose3(step), noise)
         self._log.add(i + 1, "odometry", (i,), Entry(factor, "odometry", why))
@@ -104,7 +106,7 @@ class GraphBuilder:
         length = max(float(np.linalg.norm(last - first)), _SHORTEST)
         turn = float(np.sqrt(12.0)) * settings.sigma_wall / length
         aside = abs(float((first + last) @ (last - first))) / (2 * length)  # of the middle from abreast of the sensor
-        return turn, float(np.hypot(settings.sigma_offset, turn * aside))
+        return turn, float(np.hypot(settings.sigma_wall, turn * aside))
 
     def _observation(
         self, seen: SeenWall | SeenLevel, plane: int, anchor: int, sigmas: tuple[float, float]
@@ -177,7 +179,7 @@ class GraphBuilder:
         self._log.hold(len(self._keyframes), "loop", entries, "it is contradicted")
 
     def _loop(self, closure: Closure) -> gtsam.NonlinearFactor:
-        noise = factors.noise_of_covariance(closure.covariance, self._config.loops.huber)
+        noise = factors.noise_of_covariance(closure.covariance, _CLOSURE)
         T_earlier_later = gtsam.Pose3(closure.T_earlier_later)
         return gtsam.BetweenFactorPose3(X(closure.earlier), X(closure.later), T_earlier_later, noise)
 
@@ -217,7 +219,7 @@ class GraphBuilder:
         places, and then by the next ones; a wall that was built elsewhere hardly pulls."""
         settings = self._config.anchors
         sigmas = settings.sigma_normal, settings.sigma_offset
-        noise = factors.redescending_noise_of_plane(*sigmas, settings.redescending)
+        noise = factors.redescending_noise_of_plane(*sigmas, _REDESCENDING)
         plane = factors.plane_from(planned.place, planned.plane)
         return factors.anchor_plane(plane, frame, X(anchor), P(wall), noise)
 

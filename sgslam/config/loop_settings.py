@@ -16,5 +16,3 @@ class LoopSettings(Settings):
     """maximum drift between two passes, in metres per metre of path between them"""
     most_drift: float = Field(4.0, gt=0)
     """m, upper limit of the drift within which a place is searched for"""
-    huber: float = Field(3.0, gt=0)
-    """whitened residual beyond which a closure's weight is reduced (Huber loss)"""

@@ -38,8 +38,6 @@ class OdometrySettings(Settings):
     """rad, standard deviation of the rotation between two keyframes, for our own odometry, map errors included"""
     sigma_translation: float = Field(0.004, gt=0)
     """m, standard deviation of the translation between two keyframes, for our own odometry"""
-    smoothed: float = Field(0.25, gt=0, le=1)
-    """factor on the standard deviations between keyframes after a second pass, which registers all scans to one map"""
     other_sigma_rotation: float = Field(0.004, gt=0)
     """rad, standard deviation of the rotation between two keyframes, for all odometries but our own"""
     other_sigma_translation: float = Field(0.015, gt=0)
@@ -55,8 +53,6 @@ class KeyframeSettings(Settings):
     """rad, rotation since the last keyframe"""
     scans: int = Field(15, ge=1)
     """number of scans since the last keyframe while moving, even without odometric motion"""
-    standing: int = Field(50, ge=1)
-    """number of scans since the last keyframe while standing still; doubled after each such keyframe"""
 
 
 class SurfaceSettings(Settings):
@@ -72,26 +68,12 @@ class SurfaceSettings(Settings):
     """m, assumed height of the sensor above the floor until the floor is detected"""
     split: float = Field(0.06, gt=0)
     """m, distance from the chord at which a chain of points is split, and of a wall's points from its plane"""
-    min_columns: int = Field(5, ge=3)
-    """minimum number of columns of the virtual scan in a wall segment"""
     min_length: float = Field(0.35, gt=0)
     """m, minimum length of a wall segment"""
-    merge_gap: float = Field(0.5, ge=0)
-    """m, maximum gap between collinear segments of one scan that are merged"""
-    max_tilt: float = Field(0.09, gt=0)
-    """rad, maximum angle between a wall and the vertical"""
     associate_angle: float = Field(0.14, gt=0)
     """rad, maximum angle between a segment and its associated wall"""
     associate_offset: float = Field(0.12, gt=0)
     """m, maximum distance between a segment and its associated wall, perpendicular to the wall"""
-    associate_gap: float = Field(1.0, ge=0)
-    """m, maximum gap between a segment and its associated wall, along the wall"""
-    join_angle: float = Field(0.1, gt=0)
-    """rad, maximum angle between two walls that are merged"""
-    join_offset: float = Field(0.1, gt=0)
-    """m, maximum perpendicular distance between two walls that are merged"""
-    split_step: float = Field(0.05, gt=0)
-    """m, perpendicular offset between two parts of a wall at which it is split in two"""
     min_observations: int = Field(3, ge=1)
     """minimum number of keyframes that must observe a surface"""
 
@@ -103,17 +85,11 @@ class LevelSettings(Settings):
     """m, minimum height between two floors; less than a stair's riser"""
     ceiling_step: float = Field(0.04, gt=0)
     """m, minimum height between two ceilings seen close together; beams and ducts hang some decimetres lower"""
-    reach: float = Field(3.0, gt=0)
-    """m, maximum distance between two observations of the same ceiling; the height may differ from room to room"""
-    floor_share: float = Field(0.25, gt=0, le=1)
-    """minimum area of the floor, as a share of the largest level surface seen from above"""
 
 
 class RoomSettings(Settings):
     """Room segmentation from free space: walls and lintels are barriers, doors are necks."""
 
-    cell: float = Field(0.05, gt=0)
-    """m, cell size of the free-space grid"""
     seed_clearance: float = Field(0.62, gt=0)
     """m, minimum distance from the seed of a room to the nearest barrier"""
     neck: float = Field(1.35, gt=0)
@@ -136,21 +112,13 @@ class CloudSettings(Settings):
 class BackendSettings(Settings):
     """Noise of the factors and schedule of the optimisation."""
 
-    scene_keyframes: int = Field(16, ge=1)
-    """minimum number of keyframes between two room segmentations"""
-    unplaced_keyframes: int = Field(3, ge=1)
-    """minimum number of keyframes between two room segmentations while the map is not placed"""
-    scene_growth: float = Field(0.25, ge=0)
-    """minimum growth of the map between two room segmentations, as a share of all keyframes"""
     every_keyframes: int = Field(12, ge=1)
     """minimum number of keyframes between two optimisations"""
     growth: float = Field(0.08, ge=0)
     """minimum growth of the map between two optimisations, as a share of all keyframes"""
     sigma_wall: float = Field(0.008, gt=0)
-    """m, standard deviation of the error that the points of an observed wall share; it makes the normal of a short
-    piece uncertain"""
-    sigma_offset: float = Field(0.008, gt=0)
-    """m, lower bound of the standard deviation of an observed wall offset"""
+    """m, standard deviation of the error that the points of an observed wall share: of its offset, and of the ends of a
+    short piece, whose normal is uncertain"""
     sigma_floor_offset: float = Field(0.01, gt=0)
     """m, standard deviation of the floor's offset in a keyframe"""
     sigma_floor_normal: float = Field(0.006, gt=0)
@@ -178,22 +146,10 @@ class AnchorSettings(Settings):
     """rad, standard deviation of a wall's normal as built"""
     sigma_extraction: float = Field(0.004, gt=0)
     """m, standard deviation of the error that all observations of a wall share"""
-    tolerance: float = Field(0.03, gt=0)
-    """m, maximum offset of a floor's or ceiling's height that counts as planned, and of a wall that is not missing"""
     sigma_room: float = Field(0.03, gt=0)
     """m, standard deviation of a room's position as built"""
     reach: float = Field(0.4, gt=0)
     """m, maximum distance between a wall and its planned wall"""
-    gate_angle: float = Field(0.07, gt=0)
-    """rad, maximum angle between a wall and its planned wall"""
-    gate_offset: float = Field(0.15, gt=0)
-    """m, maximum distance between the map's pose in the back end and the one on which most walls agree"""
-    redescending: float = Field(3.0, gt=0)
-    """whitened residual at which an anchor's weight is a quarter (redescending loss)"""
-    least_agreeing: float = Field(0.3, gt=0, le=1)
-    """minimum share of a match's walls that must agree on the map's pose"""
-    least_share: float = Field(0.5, gt=0, le=1)
-    """minimum share of the walls that must be as planned; below it, the map is matched again"""
     sigma_floor: float = Field(0.01, gt=0)
     """m, standard deviation of a floor's height as built"""
     sigma_ceiling: float = Field(0.03, gt=0)

@@ -39,35 +39,13 @@ class TrackingSettings(Settings):
     kernel: float = Field(0.1, gt=0)
     """m, distance from its surface at which a point's weight is a quarter (Geman-McClure), and within which it counts
     as explained by it; also its standard deviation, larger than a sensor's noise as neighbouring points share errors"""
-    first_kernel: float = Field(0.25, gt=0)
-    """m, `kernel` of the first iteration, wider because of the error of the prediction"""
-    wide_kernel: float = Field(0.8, gt=0)
-    """m, `kernel` of the first iteration of a further attempt, after a poor prediction"""
-    iterations: int = Field(16, ge=1)
-    """maximum number of Gauss-Newton iterations"""
-    convergence: float = Field(1e-3, gt=0)
-    """m and rad, update below which the registration stops"""
     feigned: float = Field(3.0, ge=0)
     """information removed along each direction, as a multiple of what errors of the surface normals pretend to give"""
     local_map: float = Field(100.0, gt=0)
     """m, path length after which surfaces that are no longer seen are dropped from the local map"""
-    suspicious: float = Field(0.85, gt=0, le=1)
-    """explained points, as a share of the usual number, below which registration is tried again and a lost sensor stays
-    lost"""
-    lost: float = Field(0.4, gt=0, le=1)
-    """explained points, as a share of the usual number, below which a scan is lost; 0.5 at a step of 0.7 m into unknown
-    space"""
     seen_through: float = Field(0.1, gt=0, le=1)
     """share of the surfaces in the way of a suspicious scan's rays that they pass through, above which it is lost; at
     most 0.07 among people, doors and glass, 0.13 at wrong poses"""
-    usual_memory: float = Field(1.0, gt=0)
-    """s, time constant of the usual share of explained points"""
-    agreement: float = Field(0.7, gt=0, le=1)
-    """share of the points with a surface within `gate` that it explains, below which a scan is lost; 0.9 in
-    clutter"""
-    innovation: float = Field(60.0, gt=0)
-    """squared Mahalanobis distance of a pose from its prediction above which a scan is lost; chi-squared, 6 degrees of
-    freedom"""
     degraded_translation: float = Field(0.1, gt=0)
     """m, standard deviation of the position along any direction above which a scan is degraded"""
     degraded_rotation: float = Field(0.03, gt=0)
@@ -101,16 +79,7 @@ class TrackingSettings(Settings):
 class FloorSettings(Settings):
     """When the sensor leaves a floor, and when it arrives on one."""
 
-    left: float = Field(0.6, gt=0)
-    """m, height difference of the ground from its floor above which the floor counts as left; more than a raised floor
-    and a hand's sway"""
-    flat: float = Field(0.2, gt=0)
-    """m, maximum change of the sensor's height over level ground, as it is carried"""
-    level_way: float = Field(2.0, gt=0)
-    """m, length of level path after which a climb has ended; a landing is shorter"""
     home: float = Field(0.12, gt=0)
     """m, maximum height difference from a known floor at which the sensor is on it; less than a step"""
-    climb_drift: float = Field(0.15, ge=0)
-    """share of the climbed height that is added to `home`; twice the standard deviation of a climb's drift"""
     storey: float = Field(1.9, gt=0)
     """m, minimum height between two floors; less is a landing, a mezzanine, a ramp or a step"""

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from data import Keyframe, SceneGraph
 from data.geometry.poses import poses_to_xyzquat
-from sgslam.config import BackendSettings, Config
+from sgslam.config import Config
 from sgslam.geometry.frames import level_map
 from sgslam.mapping.estimates import Estimates
 from sgslam.mapping.graph_nodes import RoomNode
@@ -18,6 +18,8 @@ from sgslam.mapping.scene import Scene, build_scene
 from sgslam.mapping.wall_map import SeenWall, WallMap, WallRegister
 
 Floats = NDArray[np.float64]
+_SCENE, _UNPLACED = 16, 3  # keyframes between two segmentations of rooms, and while the map is not placed
+_GROWTH = 0.25  # of the keyframes of a floor, by which it grows between them
 
 
 @dataclass
@@ -118,15 +120,15 @@ class Floors:
         """The rooms of all floors' scenes."""
         return [room for floor in self.maps if floor.scene is not None for room in floor.scene.rooms]
 
-    def due(self, keyframes: list[KeyframeNode], settings: BackendSettings, unplaced: bool) -> bool:
+    def due(self, keyframes: list[KeyframeNode], unplaced: bool) -> bool:
         """Whether the current floor has grown enough for another `cut`.
 
         Sooner while it is `unplaced` in the plan.
         """
         own, scene = sum(k.storey == self.current.number for k in keyframes), self.current.scene
-        least = settings.unplaced_keyframes if unplaced else settings.scene_keyframes
+        least = _UNPLACED if unplaced else _SCENE
         grown = own - (0 if scene is None else len(scene.graph.keyframes))
-        return grown >= max(least, settings.scene_growth * own)
+        return grown >= max(least, _GROWTH * own)
 
     def refresh(self, estimates: Estimates, height: float, last: bool) -> None:
         """Updates the walls from the newest estimates, joins duplicates and splits walls with a step.

@@ -7,9 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.config import RoomSettings
-
 Floats = NDArray[np.float64]
+_CELL = 0.05  # m, of the grid
 _REACH = 12.0  # m of free space used of one scan; beyond, its columns are too far apart
 
 
@@ -53,9 +52,7 @@ class FreeSpace:
     lintel: NDArray[np.bool_]
 
 
-def free_space(
-    sensors: Floats, outlines: Iterable[Floats], segments: Floats, lintels: Iterable[Floats], settings: RoomSettings
-) -> FreeSpace:
+def free_space(sensors: Floats, outlines: Iterable[Floats], segments: Floats, lintels: Iterable[Floats]) -> FreeSpace:
     """Draws the free space of keyframes at `sensors` (K, 2), all in the levelled map.
 
     `outlines` are the K contours (M, 2) around them, `segments` (S, 2, 2) the observed wall pieces, `lintels` the K
@@ -64,7 +61,7 @@ def free_space(
     # single precision, one after another: a long run has thousands
     near = [_within_reach(place, outline).astype(np.float32) for place, outline in zip(sensors, outlines, strict=True)]
     extent = [corner for outline in near if len(outline) for corner in (outline.min(axis=0), outline.max(axis=0))]
-    grid = Grid.around(np.concatenate([sensors, np.array(extent).reshape(-1, 2)]), settings.cell)
+    grid = Grid.around(np.concatenate([sensors, np.array(extent).reshape(-1, 2)]), _CELL)
     free = np.zeros(grid.shape, np.uint8)
     for outline in near:
         if len(outline) >= 3:

@@ -10,6 +10,8 @@ from sgslam.geometry.frames import inverse
 from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
+SMOOTHED = 0.25  # times a step's standard deviations after a second pass, which registers all scans to one map
+_STANDING = 50  # scans from keyframe to keyframe while the sensor stands; doubled after each
 Floats32 = NDArray[np.float32]  # of what there is much of
 
 
@@ -63,7 +65,7 @@ class KeyframeRule(Stateful):
             angle = float(np.arccos(np.clip((np.trace(step[:3, :3]) - 1) / 2, -1.0, 1.0)))
             still = distance < 0.05 and angle < 0.05
             # further keyframes at one place add little: an hour of standing still must not fill the map
-            limit = self._settings.standing << self._stood if still else self._settings.scans
+            limit = _STANDING << self._stood if still else self._settings.scans
             if distance < self._settings.distance and angle < self._settings.angle and self._scans < limit:
                 return False
         self._last, self._scans, self._stood = T_map_sensor, 0, self._stood + 1 if still else 0

@@ -12,6 +12,8 @@ from sgslam.perception.level_extraction import CELL, middles_of_cells
 from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
+_REACH = 3.0  # m between two places of one ceiling: the height may differ from room to room
+_FLOOR_SHARE = 0.25  # of the largest level surface seen from above, the least area of the floor
 
 
 @dataclass
@@ -101,7 +103,7 @@ class LevelMap(Stateful):
     def _ceilings_near(self, centre: Floats) -> set[int]:
         """The ceilings that were seen near a point (3,) in the map."""
         ceilings = {level: places for level, places in self._places.items() if level not in self._floors}
-        reach = self._settings.reach**2
+        reach = _REACH**2
         return {k for k, places in ceilings.items() if ((places - centre)[:, :2] ** 2).sum(axis=1).min() < reach}
 
     def _join(self, level: int, places: Floats, is_floor: bool) -> None:
@@ -160,5 +162,5 @@ class LevelMap(Stateful):
         candidates = np.flatnonzero(levels.is_floor)
         if not len(candidates):
             return None
-        large = candidates[levels.area[candidates] > self._settings.floor_share * levels.area[candidates].max()]
+        large = candidates[levels.area[candidates] > _FLOOR_SHARE * levels.area[candidates].max()]
         return int(levels.ids[large[np.argmin(levels.height[large])]])

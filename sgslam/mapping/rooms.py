@@ -49,7 +49,7 @@ class Segmentation:
 def segment(space: FreeSpace, visited: Floats, settings: RoomSettings) -> Segmentation:
     """Segments free space into rooms. Only free space connected to the sensor places `visited` (K, 2) is used."""
     free = _reached(space, visited)
-    clearance = cv2.distanceTransform(free.astype(np.uint8), cv2.DIST_L2, 5) * settings.cell
+    clearance = cv2.distanceTransform(free.astype(np.uint8), cv2.DIST_L2, 5) * space.grid.cell
     seeds, _ = _label(clearance > settings.seed_clearance)
     # cells in narrow places belong to the seed that their widest path leads to
     labels = watershed(-clearance, seeds, mask=free).astype(np.int32)
@@ -59,16 +59,17 @@ def segment(space: FreeSpace, visited: Floats, settings: RoomSettings) -> Segmen
     labels[~np.isin(labels, list(kept))] = 0
     passages = [
         Passage(pair, space.grid.to_points(cells.mean(axis=0)[None])[0])
-        for pair, cells in _borders(_over_lintels(labels, space, settings)).items()
+        for pair, cells in _borders(_over_lintels(labels, space)).items()
     ]
     return Segmentation(space.grid, labels, rooms, passages)
 
 
-def _over_lintels(labels: NDArray[np.int32], space: FreeSpace, settings: RoomSettings) -> NDArray[np.int32]:
+def _over_lintels(labels: NDArray[np.int32], space: FreeSpace) -> NDArray[np.int32]:
     """Lets rooms grow towards each other under lintels, so that those joined by a door meet there."""
-    grown = expand_labels(labels, distance=_DOOR_DEPTH / settings.cell)
+    depth = _DOOR_DEPTH / space.grid.cell
+    grown = expand_labels(labels, distance=depth)
     # only the two faces of a lintel are seen, so the gap between them is closed
-    window = np.ones((int(_DOOR_DEPTH / settings.cell) + 1,) * 2, np.uint8)
+    window = np.ones((int(depth) + 1,) * 2, np.uint8)
     lintel = cv2.morphologyEx(space.lintel.astype(np.uint8), cv2.MORPH_CLOSE, window) > 0
     return np.where((labels == 0) & lintel & ~space.wall, grown, labels)
 
@@ -126,7 +127,7 @@ def _rooms(labels: NDArray[np.int32], grid: Grid, settings: RoomSettings) -> lis
     rooms = []
     for label in np.unique(labels[labels > 0]):
         mask = (labels == label).astype(np.uint8)
-        area = float(mask.sum()) * settings.cell**2
+        area = float(mask.sum()) * grid.cell**2
         if area < settings.min_area:
             continue
         contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)

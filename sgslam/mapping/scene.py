@@ -103,7 +103,7 @@ def _segment(own: dict[int, KeyframeNode], walls: WallMap, T: Floats, config: Co
     if walls.seen:
         ends = np.stack([s.ends for s in walls.seen])
         segments = transform_points(T[[row[s.keyframe] for s in walls.seen]][:, None], ends)[..., :2]
-    space = free_space(T[:, :2, 3], outlines, segments, lintels, config.rooms)
+    space = free_space(T[:, :2, 3], outlines, segments, lintels)
     return segment(space, T[:, :2, 3], config.rooms)
 
 

@@ -14,6 +14,9 @@ from sgslam.perception import WallObservation
 from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
+_GAP = 1.0  # m along, between a piece and the wall that it is of
+_JOIN_ANGLE, _JOIN_OFFSET = 0.1, 0.1  # rad and m between two walls that are one
+_STEP = 0.05  # m across, between the parts of a wall that are two
 
 
 @dataclass
@@ -284,7 +287,7 @@ class WallMap(Stateful):
             across = np.abs(ends_across.mean(axis=1))
             along = np.sort(lines.along(ends.reshape(-1, 2)).reshape(len(ends), 2, -1), axis=1)
             gap = np.maximum(along[:, 0] - lines.high, lines.low - along[:, 1])
-            near = facing & (across < self._settings.associate_offset) & (gap < self._settings.associate_gap)
+            near = facing & (across < self._settings.associate_offset) & (gap < _GAP)
             near &= np.abs(ends_across).max(axis=1) < 2 * self._settings.associate_offset
             nearest = np.argmin(np.where(near, across + 0.1 * np.maximum(gap, 0.0), np.inf), axis=1)
             fits = near.any(axis=1)
@@ -321,7 +324,7 @@ def _beyond_step(along: Floats, across: Floats, settings: SurfaceSettings) -> ND
     where = int(cuts[best])
     scatter = np.sqrt(max((before + beyond)[best], 0.0) / len(values))
     step = abs(np.median(values[:where]) - np.median(values[where:]))
-    if step < settings.split_step or step < 4 * scatter:
+    if step < _STEP or step < 4 * scatter:
         return None
     return order[where:]
 
@@ -340,9 +343,9 @@ def _closest_duplicate(lines: Lines, settings: SurfaceSettings) -> tuple[int, in
     common = (low + high)[..., None] / 2 * tangent[:, None] - (lines.offset[:, None] * lines.normal)[:, None]
     across = np.abs(np.einsum("ijk,jk->ij", common, lines.normal) + lines.offset)
     across = np.maximum(across, across.T)
-    parallel = lines.normal @ lines.normal.T > np.cos(settings.join_angle)
+    parallel = lines.normal @ lines.normal.T > np.cos(_JOIN_ANGLE)
     # end to end, two walls are one only without a step; side by side, there is no room for both
-    allowed = np.where(overlap > settings.min_length, settings.join_offset, 0.5 * settings.split_step)
+    allowed = np.where(overlap > settings.min_length, _JOIN_OFFSET, 0.5 * _STEP)
     cost = np.where(parallel & (across < allowed) & (overlap > -0.2), across, np.inf)
     np.fill_diagonal(cost, np.inf)
     first, second = np.unravel_index(int(np.argmin(cost)), cost.shape)

@@ -15,9 +15,9 @@ from sgslam.geometry.frames import inverse, transform_points
 from sgslam.inertial import Changes, ImuBuffer, MeasuredMotion
 from sgslam.odometry.base import State
 from sgslam.odometry.given_motion import GivenMotion
-from sgslam.odometry.prediction import Course, predicted, unobserved
+from sgslam.odometry.prediction import USUAL_S, Course, predicted, unobserved
 from sgslam.registration.beliefs import Belief, MotionModel
-from sgslam.registration.health import fits, judged, sees_through
+from sgslam.registration.health import SUSPICIOUS, fits, judged, sees_through
 from sgslam.registration.motion import pose_at, velocity_after
 from sgslam.registration.motion_prior import moved_on
 from sgslam.registration.points import UNKNOWN, Weights, placed
@@ -171,7 +171,7 @@ class ContinuousTimeOdometry:
             return solve(window, np.stack([*at.known, *guess]), kernel, iterations, every)
 
         def fits_well(solved: Solved) -> bool:
-            return fits(solved, course.usual, settings)
+            return fits(solved, course.usual)
 
         return best_attempt(
             attempt, fits_well, at.ahead, at.stopped, at.given, course.lost, at.turn_known, settings
@@ -216,8 +216,8 @@ class ContinuousTimeOdometry:
 
         A place where the sensor is found again is suspicious until the usual share of points is that of this place.
         """
-        is_new = float(scan.knot_seconds[-1]) - self._course.lost_at < self._settings.usual_memory
-        if not is_new and relative >= self._settings.suspicious:
+        is_new = float(scan.knot_seconds[-1]) - self._course.lost_at < USUAL_S
+        if not is_new and relative >= SUSPICIOUS:
             return False
         points = placed(scan.points, scan.seconds, scan.knot_seconds, knots)[0]
         return sees_through(points, knots[0, :3, 3], self._map.arrays, self._oldest, self._settings)

@@ -15,6 +15,7 @@ from sgslam.registration.window import Solved, window_knots
 from sgslam.types import TimedPoints
 
 Floats = NDArray[np.float64]
+USUAL_S = 1.0  # s, time constant of the usual share of explained points
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +52,7 @@ class Course:
         knots, last, seconds = solved.knots[firsts[-1] :], self.beliefs[-1], float(scan.knot_seconds[-1])
         interval = seconds - last.seconds
         follow = 1 - np.exp(-interval / settings.sway_memory)
-        weight = max(1 - np.exp(-interval / settings.usual_memory), 1 / self.scans)
+        weight = max(1 - np.exp(-interval / USUAL_S), 1 / self.scans)
         return replace(
             self,
             beliefs=[last.smoothed(solved, self.end_of_older(firsts)), Belief.of(solved)],

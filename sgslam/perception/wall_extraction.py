@@ -11,6 +11,9 @@ from sgslam.config import SurfaceSettings
 from sgslam.config.sensor import RANGE_NOISE
 from sgslam.perception.column_scan import ColumnScan, Contour, Floats, contour, split_chains
 
+_LEAST_COLUMNS = 5  # of the virtual scan in a wall piece
+_MERGE_GAP = 0.5  # m between collinear pieces of one scan that are merged
+_STEEPEST = 0.09  # rad between a wall and the vertical
 _PLUMB = 0.004  # rad, standard deviation of a wall from the vertical: 2 mm/m, and what the attitude errs
 _UPRIGHT = np.diag([0.0, 0.0, 1 / _PLUMB**2])  # 1/rad2
 
@@ -38,7 +41,7 @@ def extract_walls(scan: ColumnScan, high: Contour, settings: SurfaceSettings) ->
     dropped.
     """
     column, line = high
-    if len(line) < settings.min_columns:
+    if len(line) < _LEAST_COLUMNS:
         return []
     line, column = _from_farthest(line, column, scan.columns)
     parapet = np.full((scan.columns, 2), np.nan)
@@ -47,7 +50,7 @@ def extract_walls(scan: ColumnScan, high: Contour, settings: SurfaceSettings) ->
     start = np.searchsorted(scan.column, np.arange(scan.columns + 1))
     found = []
     for first, last in _merge(split_chains(line, column, 2 * np.pi / scan.columns, settings.split), line, settings):
-        if last - first + 1 < settings.min_columns or np.hypot(*(line[last] - line[first])) < settings.min_length:
+        if last - first + 1 < _LEAST_COLUMNS or np.hypot(*(line[last] - line[first])) < settings.min_length:
             continue
         if _is_window(line[first : last + 1], parapet[column[first : last + 1] % scan.columns]):
             continue
@@ -77,12 +80,12 @@ def fit_wall(points: Floats, first: Floats, last: Floats, settings: SurfaceSetti
     solution = np.zeros(3)
     for tolerance in (settings.split, 0.75 * settings.split):
         moments, low, high = _moments(points, *near, level, solution, tolerance)
-        if moments[0, 0] < 2 * settings.min_columns:
+        if moments[0, 0] < 2 * _LEAST_COLUMNS:
             return None
         covariance = np.linalg.inv(moments[:3, :3] / RANGE_NOISE**2 + _UPRIGHT)
         solution = covariance @ moments[:3, 3] / RANGE_NOISE**2
     seen = moments[0, 0]
-    if abs(solution[2]) > settings.max_tilt or count > 5 * seen:
+    if abs(solution[2]) > _STEEPEST or count > 5 * seen:
         return None
     residual = np.array([*-solution, 1.0])
     # the residual of the fit, where it is larger than the noise of ranges
@@ -148,7 +151,7 @@ def _merge(pieces: list[tuple[int, int]], contour: Floats, settings: SurfaceSett
 def _collinear(a: tuple[int, int], b: tuple[int, int], contour: Floats, settings: SurfaceSettings) -> bool:
     points = contour[[a[0], b[1], a[1], b[0], (a[0] + a[1]) // 2, (b[0] + b[1]) // 2]]
     (x0, y0), (x1, y1), (ax, ay), (bx, by), *_ = inner = points.tolist()
-    if math.hypot(bx - ax, by - ay) > settings.merge_gap:
+    if math.hypot(bx - ax, by - ay) > _MERGE_GAP:
         return False
     dx, dy = x1 - x0, y1 - y0
     limit = settings.split * (math.hypot(dx, dy) + 1e-9)

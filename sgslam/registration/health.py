@@ -10,12 +10,16 @@ from sgslam.surfels import Surfels
 from sgslam.types import Health
 
 Floats = NDArray[np.float64]
+SUSPICIOUS = 0.85  # times the usual share of explained points; below, a scan is tried again, a lost one stays lost
+_LOST = 0.4  # times the usual share; 0.5 at a step of 0.7 m into unknown space
+_AGREEMENT = 0.7  # share of the points near a surface that it explains; 0.9 in clutter
+_INNOVATION = 60.0  # squared Mahalanobis distance from the prediction; chi-squared, 6 degrees of freedom
 _MOST_RAYS = 0.5  # share that no person who went away leaves free, since he stood on one side of the sensor
 
 
-def fits(solved: Solved, usual: float, settings: TrackingSettings) -> bool:
+def fits(solved: Solved, usual: float) -> bool:
     """Whether about as large a share of the newest scan's points as is `usual` lie on known surfaces."""
-    return solved.share >= settings.suspicious * usual and solved.agreement >= settings.agreement
+    return solved.share >= SUSPICIOUS * usual and solved.agreement >= _AGREEMENT
 
 
 def innovation(solved: Solved) -> float:
@@ -36,8 +40,8 @@ def judged(
     A sensor that was lost must fit better, and be constrained in all directions: of the many poses that are tried then,
     some fit by chance.
     """
-    unlike = relative < (settings.suspicious if was_lost else settings.lost) or solved.agreement < settings.agreement
-    if unlike or innovation(solved) > settings.innovation:
+    unlike = relative < (SUSPICIOUS if was_lost else _LOST) or solved.agreement < _AGREEMENT
+    if unlike or innovation(solved) > _INNOVATION:
         return "lost", np.empty((0, 6))
     weak = []
     for part, most in ((0, settings.degraded_rotation), (3, settings.degraded_translation)):

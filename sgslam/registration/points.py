@@ -17,6 +17,8 @@ Floats = NDArray[np.float64]
 Ints32 = NDArray[np.int32]
 Vector = tuple[float, float, float]
 
+FIRST_KERNEL = 2.5  # times the kernel, in the first iteration: the prediction errs
+CONVERGED = 1e-3  # m and rad, an update below which the registration stops
 STRAYED = 5e-3  # m and rad: where knots move by less, fewer than one point in a hundred is on another plane
 UNKNOWN = -1  # the plane of a point that was not looked for; 0 is none
 KERNEL = 5.0  # times the median residual
@@ -32,7 +34,6 @@ class Weights(NamedTuple):
     feigned: float
     sway: float
     sway_memory: float
-    convergence: float
 
     @staticmethod
     def of(settings: TrackingSettings) -> "Weights":

@@ -18,7 +18,16 @@ from sgslam.registration.beliefs import MotionModel
 from sgslam.registration.degeneracy import project_out_feigned
 from sgslam.registration.motion import pose_at
 from sgslam.registration.motion_prior import add_height, add_velocities
-from sgslam.registration.points import KERNEL, STRAYED, UNKNOWN, Weights, placed, point_equations
+from sgslam.registration.points import (
+    CONVERGED,
+    FIRST_KERNEL,
+    KERNEL,
+    STRAYED,
+    UNKNOWN,
+    Weights,
+    placed,
+    point_equations,
+)
 from sgslam.registration.window import MotionPrior, update_knots, window_knots
 from sgslam.surfels import SurfelMap, Surfels
 from sgslam.types import Motion, TimedPoints
@@ -53,7 +62,7 @@ class _Seen:
     def look(self, scan: TimedPoints, knots: Floats, surfels: Surfels, weights: Weights) -> None:
         """Makes the equations of the scan, its knots at (K, 4, 4), where it has moved since."""
         error = self.kernel - weights.kernel
-        if error == 0 and self.moved < weights.convergence:
+        if error == 0 and self.moved < CONVERGED:
             return
         if self.strayed > STRAYED:
             self.plane_of[:], self.strayed = UNKNOWN, 0.0
@@ -91,12 +100,12 @@ def smoothed(
     for number in range(_MAPS):
         surfels = _map_of(scans, knots_of, motion, is_known).arrays
         for own in seen:
-            own.begin(settings.kernel if number else settings.first_kernel)
+            own.begin(settings.kernel if number else FIRST_KERNEL * settings.kernel)
         for _ in range(_ITERATIONS):
             _look(seen, scans, [motion.knots[own] for own in knots_of], surfels, weights)
             step = _solved(seen, firsts, motion, model.prior, weights)
             update_knots(motion.knots, step)
-            if np.sqrt(np.mean(step**2)) < settings.convergence:
+            if np.sqrt(np.mean(step**2)) < CONVERGED:
                 break
             for own, knots in zip(seen, knots_of, strict=True):
                 own.follow(step[6 * knots.start : 6 * knots.stop])

@@ -20,7 +20,7 @@ from sgslam.registration.motion_prior import (
     add_velocities,
     velocity_between,
 )
-from sgslam.registration.points import KERNEL, SIGMA, STRAYED, TO_SIGMA, UNKNOWN, Weights, point_equations
+from sgslam.registration.points import CONVERGED, KERNEL, SIGMA, STRAYED, TO_SIGMA, UNKNOWN, Weights, point_equations
 from sgslam.surfels import Surfels
 
 Floats = NDArray[np.float64]
@@ -196,7 +196,7 @@ def solve(window: Window, predicted: Floats, first_kernel: float, iterations: in
     )
     return Solved(
         window.at, knots, predicted, H, measured, plane_of[window.begins[-2] :], found, close, residual, count,
-        moved_by < window.weights.convergence, max(window.weights.kernel, SIGMA * residual),
+        moved_by < CONVERGED, max(window.weights.kernel, SIGMA * residual),
     )  # fmt: skip
 
 
@@ -216,11 +216,11 @@ def _solve(
     moved, strayed = np.full(scans, np.inf), np.zeros(scans)  # since the equations, and the planes
     g, F, error, kernel = np.empty(n), np.empty((6, 6)), first_kernel - weights.kernel, first_kernel
     residual, found, close, moved_by, count = np.inf, 0, 0, np.inf, 0
-    while count < iterations and (moved_by >= weights.convergence or count < 2):
+    while count < iterations and (moved_by >= CONVERGED or count < 2):
         count += 1
         for s in range(scans):
             is_newest = s == scans - 1
-            if moved[s] <= (weights.convergence if is_newest else _SETTLED):
+            if moved[s] <= (CONVERGED if is_newest else _SETTLED):
                 continue
             own, first = slice(window.begins[s], window.begins[s + 1]), window.firsts[s]
             if strayed[s] > STRAYED:

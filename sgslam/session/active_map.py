@@ -278,7 +278,7 @@ class ActiveMap:
         """Whether there is a plan and the current floor has grown enough since its rooms were last segmented."""
         if self.anchoring is None or (self.placed and not if_placed):
             return False
-        return self.floors.due(self.backend.keyframes, self._config.backend, not self.placed)
+        return self.floors.due(self.backend.keyframes, not self.placed)
 
     def _cut_scenes(self) -> None:
         with self.stopwatch("rooms"):

@@ -40,7 +40,7 @@ def seen(
     sides = np.array([*(edge for own in corners for edge in pairwise(own)), *walls])
     lintels = [np.empty((0, 2)) if lintel is None else lintel @ R.T] * len(places)
     in_map = [(own[:, :2] + at) @ R.T for own, at in zip(found, sensors, strict=True)]
-    space = free_space(sensors @ R.T, in_map, sides @ R.T, lintels, RoomSettings())
+    space = free_space(sensors @ R.T, in_map, sides @ R.T, lintels)
     return segment(space, sensors @ R.T, RoomSettings())
 
 
@@ -102,6 +102,6 @@ def test_a_corridor_is_a_room_of_its_own_and_small_nooks_are_none() -> None:
 @pytest.mark.parametrize("outline", [np.empty((0, 2)), np.array([[0.1, 0.0]]), np.array([[0.1, 0.0], [0.0, 0.1]])])
 def test_hardly_anything_seen_is_no_room(outline: Array) -> None:
     sensors = np.zeros((1, 2))
-    space = free_space(sensors, [outline], np.empty((0, 2, 2)), [np.empty((0, 2))], RoomSettings())
+    space = free_space(sensors, [outline], np.empty((0, 2, 2)), [np.empty((0, 2))])
     found = segment(space, sensors, RoomSettings())
     assert found.rooms == [] and found.passages == [] and not found.labels.any()
