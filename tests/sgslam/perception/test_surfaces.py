@@ -99,7 +99,7 @@ def test_errors_are_as_large_as_the_graph_takes_them_to_be() -> None:
         for own in walls_in(room(*ROOM), T, seed=seed):
             _, angle, offset, _ = place(own, T)
             bent = np.sqrt(12) * graph.sigma_wall / np.linalg.norm(np.diff(own.ends, axis=0))
-            sigmas = np.hypot(own.sigma_normal, bent), np.hypot(own.sigma_offset, graph.sigma_offset)
+            sigmas = np.hypot(own.sigma_normal, bent), np.hypot(own.sigma_offset, graph.sigma_wall)
             ratios.append((angle / sigmas[0], offset / sigmas[1]))
     assert len(ratios) >= 120
     rms = np.sqrt(np.mean(np.square(ratios), axis=0))
