@@ -19,7 +19,6 @@ from sgslam.mapping import KeyframeClouds
 from sgslam.odometry import Odometry
 from sgslam.registration.motion import deskewed
 from sgslam.session import PriorMap, Result, Session, Snapshot, Stopwatch, Update
-from sgslam.session.adjusting import adjust
 from sgslam.session.finishing import assemble_result
 from sgslam.session.scan_poses import at_stamps
 from sgslam.session.second_pass import pass_again
@@ -168,7 +167,7 @@ class SceneGraphSlam:
         if second_pass and session.prior is None and not session.unplaced and not notes.has_imu:
             single = pickle.dumps(self._map.state()) if self.anchored else None
             again = pass_again(self._map, self._config.tracking)
-        adjust(self._map, self._config)
+        self._map.refine()
         advice = list(notes.advice)
         if not self.anchored and notes.is_way_up_assumed:  # a plan does not fit a map that is upside down
             advice.append(_WAY_UP)
@@ -181,7 +180,7 @@ class SceneGraphSlam:
         self._map = session.begin(self.clouds, self._stopwatch)
         self._map.restore(pickle.loads(single))
         self._map.complete()
-        adjust(self._map, self._config)
+        self._map.refine()
         return assemble_result(self._map, *finished, passed_again=False)
 
     @property

@@ -11,23 +11,23 @@ from typing import Any
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import F, P, X
+from gtsam.symbol_shorthand import F, P, V, X
 from numpy.typing import NDArray
 
-import factors
 from sgslam.backend.covariances import Uncertainty
 from sgslam.backend.factor_log import FactorLog, Key, Kind
-from sgslam.backend.graph_builder import GraphBuilder
+from sgslam.backend.graph_builder import GraphBuilder, fixed
 from sgslam.backend.variables import BIM, GraphInputs, start_values
+from sgslam.backend.wall_point_factors import offset_priors, point_factors
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, is_rigid, transform_planes
 from sgslam.mapping import Anchors, Closure, KeyframeNode, PlannedWall, RoomNode, SeenLevel, SeenWall
+from sgslam.mapping.wall_points import Faces, WallPoints
 
 __all__ = ["Anchors", "Backend", "PlannedWall", "RoomNode"]
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 _LONGEST = 100.0  # m from keyframe to keyframe; no robot moves further
-_SETTLED, _FREE = (3e-4, 3e-5), 1.0  # m and rad of a pose that is held in plan view; of what is not held
 _BELIEVABLE = 1e4  # largest error for each factor at an optimum: a hundred sigma
 
 
@@ -187,37 +187,39 @@ class Backend:
         """Whether the odometry leads from keyframe i - 1 to keyframe i."""
         return (i,) in self.log.held("odometry")
 
-    def settle(self, T_bim_sensor: Floats, steps: int = 20) -> None:
-        """Moves the keyframes to where they stand by their poses (K, 4, 4) in plan view, and all other estimates after
-        them. The log stays as it is, and what is known of the poses is what it says."""
-        held = gtsam.NonlinearFactorGraph()
-        for i, T in enumerate(T_bim_sensor):
-            held.add(gtsam.BetweenFactorPose3(BIM, X(i), gtsam.Pose3(T), _in_plan_view(T[:3, :3])))
-        if failure := self._solve(self._inputs, steps, held):
+    def refine(self, faces: Faces, seen: WallPoints, steps: int = 20) -> None:
+        """Moves the keyframes of an anchored map to the optimum of the points on planned walls, in place of the walls
+        extracted from them, with odometry, level surfaces and loop closures; then the walls and rooms follow. The log
+        stays as it is; the covariances are those of this optimum."""
+        inputs, graph = self._inputs, self.log.graph(walls=False)
+        values = start_values(graph, inputs, self.keyframes, self.planes_in_map, self.levels_in_map)
+        walls = sorted({int(faces.wall[face]) for face in seen.face.tolist()})
+        for wall in walls:
+            values.insert(V(wall), np.zeros(1))
+        settings = self._config.anchors
+        for factor in (*point_factors(faces, seen, values, settings), *offset_priors(walls, settings.sigma_offset)):
+            graph.add(factor)
+        found, failure = _optimum(graph, values, steps)
+        if found is None:
             _log.warning("the adjustment of %d keyframes failed: %s", len(self.keyframes), failure)
+            return
+        whole = self.log.graph()
+        for key in (BIM, *(X(i) for i in range(len(self.keyframes)))):
+            whole.add(fixed(key, found.atPose3(key).matrix()))
+        if failure := self._solve(inputs, steps, whole):
+            _log.warning("the walls do not follow the adjustment of %d keyframes: %s", len(self.keyframes), failure)
+            return
+        self._optimum = graph, found, inputs
 
-    def _solve(self, inputs: GraphInputs, steps: int, besides: gtsam.NonlinearFactorGraph | None = None) -> str | None:
-        """Moves the estimates to the optimum, with the factors `besides` those of the log, or returns why they stay."""
-        known = graph = self.log.graph()
-        if besides is not None:
-            graph = self.log.graph()
-            graph.push_back(besides)
-        parameters = gtsam.LevenbergMarquardtParams()
-        parameters.setMaxIterations(steps)
-        parameters.setRelativeErrorTol(1e-4)
-        try:
-            values = start_values(graph, inputs, self.keyframes, self.planes_in_map, self.levels_in_map)
-            optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters)
-            result = optimizer.optimize()
-        except RuntimeError as error:
-            return str(error).strip().partition("\n")[0] or "GTSAM gives no reason"
-        if not np.isfinite(optimizer.error()):
-            return "its error is not finite"
-        if optimizer.error() > _BELIEVABLE * graph.size():
-            return f"its error of {optimizer.error():.1e} is implausibly large"
-        self._take(result, inputs)
-        self._optimum = known, result, inputs
-        return None
+    def _solve(self, inputs: GraphInputs, steps: int, graph: gtsam.NonlinearFactorGraph | None = None) -> str | None:
+        """Moves the estimates to the optimum of a graph, by default the log's, or returns why they stay."""
+        graph = self.log.graph() if graph is None else graph
+        values = start_values(graph, inputs, self.keyframes, self.planes_in_map, self.levels_in_map)
+        result, failure = _optimum(graph, values, steps)
+        if result is not None:
+            self._take(result, inputs)
+            self._optimum = graph, result, inputs
+        return failure
 
     def _rebuild(self, inputs: GraphInputs, steps: int) -> str | None:
         """Solves again from the last optimum, continued by the odometry; unsound factors are barred."""
@@ -265,7 +267,7 @@ class Backend:
             return None
         graph, values, inputs = self._optimum
         try:
-            return Uncertainty(graph, values, inputs.anchor_of, inputs.planned)
+            return Uncertainty(graph, values, inputs.planned)
         except RuntimeError as error:
             _log.warning("there are no covariances: %s", error)
             return None
@@ -286,11 +288,23 @@ class Backend:
         self._sound = len(self.keyframes)
 
 
-def _in_plan_view(R_bim_sensor: Floats) -> gtsam.noiseModel.Base:
-    """The noise of a pose that is known in plan view, and free in height, roll and pitch."""
-    sigmas = np.array([_FREE, _FREE, _SETTLED[1], _SETTLED[0], _SETTLED[0], _FREE])
-    R = np.kron(np.eye(2), R_bim_sensor)
-    return factors.noise_of_covariance(R.T @ np.diag(sigmas**2) @ R)
+def _optimum(
+    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, steps: int
+) -> tuple[gtsam.Values | None, str | None]:  # fmt: skip
+    """The optimum of a graph from start values, or why there is none."""
+    parameters = gtsam.LevenbergMarquardtParams()
+    parameters.setMaxIterations(steps)
+    parameters.setRelativeErrorTol(1e-4)
+    try:
+        optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters)
+        result = optimizer.optimize()
+    except RuntimeError as error:
+        return None, str(error).strip().partition("\n")[0] or "GTSAM gives no reason"
+    if not np.isfinite(optimizer.error()):
+        return None, "its error is not finite"
+    if optimizer.error() > _BELIEVABLE * graph.size():
+        return None, f"its error of {optimizer.error():.1e} is implausibly large"
+    return result, None
 
 
 def _usable(step: Floats) -> bool:

@@ -106,11 +106,12 @@ class FactorLog:
             self.events.append(FactorEvent(keyframes, kind, key, "refused", by, why))
             _log.warning("factor %s %s, by %s, is refused: %s", kind, "/".join(map(str, key)), by, why)
 
-    def graph(self) -> gtsam.NonlinearFactorGraph:
-        """Builds the factor graph of all factors that hold now."""
+    def graph(self, walls: bool = True) -> gtsam.NonlinearFactorGraph:
+        """Builds the factor graph of all factors that hold now; without those of `walls` and rooms if so."""
         graph = gtsam.NonlinearFactorGraph()
-        for _, _, entry in self:
-            graph.add(entry.factor)
+        for kind, key, entry in self:
+            if walls or (kind not in ("wall", "room") and not (kind == "anchor" and key[0] in ("wall", "room"))):
+                graph.add(entry.factor)
         return graph
 
     def unsound(self, values: gtsam.Values) -> Iterator[tuple[Kind, Key, str]]:

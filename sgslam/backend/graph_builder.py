@@ -35,12 +35,12 @@ class GraphBuilder:
         self.found: dict[int, Floats] = {}  # T_map_sensor (4, 4) of keyframes to which no odometry leads
         self.begin = np.eye(4)  # T_map_sensor of the first keyframe
         for key, name in ((IDENTITY, "identity"), (SAME, "same")):
-            log.add(0, "start", (name,), Entry(_fixed(key, np.eye(4)), "start", "fixed"))
+            log.add(0, "start", (name,), Entry(fixed(key, np.eye(4)), "start", "fixed"))
 
     def hold_begin(self, T_map_sensor: Floats) -> None:
         """Fixes the first keyframe at its pose (4, 4) in the map, which is level there."""
         self.begin = T_map_sensor
-        entry = Entry(_fixed(X(0), T_map_sensor), "start", "the map begins at the first keyframe")
+        entry = Entry(fixed(X(0), T_map_sensor), "start", "the map begins at the first keyframe")
         self._log.add(0, "start", ("map",), entry)
 
     def hold_step(self, i: int, step: Floats) -> None:
@@ -248,5 +248,6 @@ class GraphBuilder:
         return entries
 
 
-def _fixed(key: int, pose: Floats) -> gtsam.NonlinearFactor:
+def fixed(key: int, pose: Floats) -> gtsam.NonlinearFactor:
+    """Holds a pose (4, 4)."""
     return gtsam.PriorFactorPose3(key, gtsam.Pose3(pose), factors.noise_of_pose(1e-5, 1e-5))

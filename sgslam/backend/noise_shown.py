@@ -15,7 +15,11 @@ _SAMPLED = 100  # residuals of a kind for which it is computed how far they were
 _MOST_FITTED = 0.9  # share of a kind's residuals
 _LIMITS = 0.15, 3.0  # of the noise shown, relative to the assumed one
 _ROUNDS = 5  # of weights and noise in turns
-_SAME = {3: (0, 1, 2), 6: (0, 0, 0, 1, 1, 1)}  # which components of planes (turn, tilt, offset) and of poses are alike
+_SAME = {
+    1: (0,),
+    3: (0, 1, 2),
+    6: (0, 0, 0, 1, 1, 1),
+}  # which components of planes (turn, tilt, offset) and of poses are alike
 
 
 @dataclass(eq=False)
@@ -70,17 +74,21 @@ def _kinds(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> list[_Kin
     for i in range(graph.size()):
         factor: Any = graph.at(i)  # gtsam's stubs know only its base class
         first, row = row, row + factor.dim()
-        noise = factor.noiseModel()
-        is_robust = isinstance(noise, gtsam.noiseModel.Robust)
-        base = noise.noise() if is_robust else noise
-        if not isinstance(base, gtsam.noiseModel.Diagonal):
-            continue
         letters = "".join(sorted({chr(gtsam.symbolChr(key)) for key in factor.keys()}))  # noqa: SIM118 (no dict)
-        whole = base.whiten(factor.unwhitenedError(values))
+        if isinstance(factor, gtsam.LinearContainerFactor):
+            noise, is_robust, base = None, False, None
+            whole = np.asarray(factor.linearize(values).jacobian()[1])
+        else:
+            noise = factor.noiseModel()
+            is_robust = isinstance(noise, gtsam.noiseModel.Robust)
+            base = noise.noise() if is_robust else noise
+            if not isinstance(base, gtsam.noiseModel.Diagonal):
+                continue
+            whole = base.whiten(factor.unwhitenedError(values))
         length = float(np.linalg.norm(whole))
         for part, same in enumerate(_SAME[factor.dim()]):
             key = letters, type(base).__name__, same
-            kind = kinds.setdefault(key, _Kind(noise.robust() if is_robust else None))
+            kind = kinds.setdefault(key, _Kind(noise.robust() if noise is not None and is_robust else None))
             kind.rows.append(first + part)
             kind.residuals.append(float(whole[part]))
             kind.lengths.append(length)

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -15,6 +16,7 @@ from sgslam.config import Config
 from sgslam.geometry.frames import inverse, level_at, level_map, raised, squared_up
 from sgslam.loops import LoopCloser
 from sgslam.mapping import Anchors, Floors, FloorTransition, KeyframeClouds, KeyframeNode, KeyframeRule
+from sgslam.mapping.wall_points import faces_of, wall_points
 from sgslam.perception import keyframe_scan
 from sgslam.registration.motion import few_points, motion_since_begin
 from sgslam.session.scan_points import ScanPoints
@@ -229,10 +231,16 @@ class ActiveMap:
         first, began = of_points[keyframes[0].scan], level_at(keyframes[0].T_map_sensor)
         self.backend.take_steps(began @ inverse(level_at(first)) @ first)  # only its tilt is new
 
-    def settle(self, T_plan_sensor: Floats) -> None:
-        """Moves the keyframes to their poses (K, 4, 4) in the local frame of the plan, in plan view."""
-        with self.stopwatch("optimisation"):
-            self.backend.settle(T_plan_sensor)
+    def refine(self) -> None:
+        """Refines a map that is anchored to a building by all points that its keyframes saw on planned walls."""
+        if not self._config.anchors.points or self.T_bim_map is None or self.anchoring is None:
+            return
+        with self.stopwatch("adjustment"):
+            T_plan_sensor = self.T_bim_map @ self.backend.poses
+            faces = faces_of(self.anchoring.a_graph)
+            seen = wall_points(faces, ((T, self.clouds[k]) for k, T in enumerate(T_plan_sensor)))
+            in_local = replace(seen, place=seen.place - self.anchoring.origin)
+            self.backend.refine(faces, in_local)
         self.floors.refresh(self.backend, self.transition.height, last=True)
         self._cut_scenes()
 

@@ -41,15 +41,14 @@ class WallPoints:
     """N means, one for each face that a keyframe saw.
 
     `face` and `keyframe` (N,) are indices, `offset` (N,) is the mean distance (m) of the `count` points from the face,
-    along its `normal` (N, 2); `lever` (N, 2) is from the sensor to their mean, in plan view.
+    along its normal, and `place` (N, 3) their mean in the plan's frame.
     """
 
     face: Ints
     keyframe: Ints
     offset: Floats
     count: Ints
-    normal: Floats
-    lever: Floats
+    place: Floats
 
 
 def faces_of(plan: SceneGraph) -> Faces:
@@ -85,20 +84,19 @@ def wall_points(faces: Faces, clouds: Iterable[tuple[Floats, NDArray[np.float32]
     """The points of all keyframes, as pairs of T_plan_sensor (4, 4) and points (N, 3) in the sensor frame, at the
     distance from each face at which most points lie."""
     parts = [_near_faces(faces, T, points, k) for k, (T, points) in enumerate(clouds)]
-    rows = np.concatenate([part for part in parts if len(part)] or [np.empty((0, 7), np.float32)])
+    rows = np.concatenate([part for part in parts if len(part)] or [np.empty((0, 6), np.float32)])
     found = list[Floats]()
     order = np.argsort(rows[:, 0], kind="stable")
     for own in np.split(order, np.flatnonzero(np.diff(rows[order, 0])) + 1):
         if len(own):
             found += _means(rows[own].astype(np.float64))
-    table = np.array(found).reshape(-1, 8)
-    whole = table[:, [0, 1, 3]].astype(np.int64)
-    return WallPoints(whole[:, 0], whole[:, 1], table[:, 2], whole[:, 2], table[:, 4:6], table[:, 6:])
+    table = np.array(found).reshape(-1, 7)
+    whole = table[:, [0, 1, 6]].astype(np.int64)
+    return WallPoints(whole[:, 0], whole[:, 1], table[:, 2], whole[:, 2], table[:, 3:6])
 
 
 def _near_faces(faces: Faces, T_plan_sensor: Floats, points: NDArray[np.float32], number: int) -> NDArray[np.float32]:
-    """(K, 7) of the points near a face: its number, that of the keyframe, the distance from the face, its normal, and
-    the way from the sensor to the point in plan view."""
+    """(K, 6) of the points near a face: its number, that of the keyframe, the distance from the face, and the point."""
     sensor = T_plan_sensor[:3, 3]
     ahead = np.sum((sensor[:2] - faces.centre) * faces.normal, axis=1)
     own = np.flatnonzero((ahead > 0) & (ahead < _FURTHEST))
@@ -114,20 +112,19 @@ def _near_faces(faces: Faces, T_plan_sensor: Floats, points: NDArray[np.float32]
         near &= (seen[:, 2] > low + _EDGE) & (seen[:, 2] < high - _EDGE) & (-(away @ n) > _LEAST_COSINE * length)
         count = int(near.sum())
         if count:
-            same = np.tile([face, number], (count, 1)), np.tile(n, (count, 1))
-            found.append(np.column_stack([same[0], off[near], same[1], away[near]]).astype(np.float32))
-    return np.concatenate(found or [np.empty((0, 7), np.float32)])
+            same = np.tile([face, number], (count, 1))
+            found.append(np.column_stack([same, off[near], seen[near]]).astype(np.float32))
+    return np.concatenate(found or [np.empty((0, 6), np.float32)])
 
 
 def _means(rows: Floats) -> list[Floats]:
-    """The means in each keyframe of what was seen of one face, (K, 7) as from `_near_faces`."""
+    """The means in each keyframe of what was seen of one face, (K, 6) as from `_near_faces`, with their counts."""
     shift = _most(rows[:, 2])
     rows = rows[np.abs(rows[:, 2] - shift) < 3 * RANGE_NOISE]
     found = []
     for own in np.split(rows, np.flatnonzero(np.diff(rows[:, 1])) + 1):
         if len(own) >= _LEAST_POINTS:
-            mean = own.mean(axis=0)
-            found.append(np.array([mean[0], mean[1], mean[2], len(own), *mean[3:]]))
+            found.append(np.array([*own.mean(axis=0), len(own)]))
     return found
 
 
