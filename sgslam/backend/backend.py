@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sgslam.backend.covariances import Uncertainty
 from sgslam.backend.factor_log import FactorLog, Key, Kind
-from sgslam.backend.graph_builder import GraphBuilder, fixed
+from sgslam.backend.graph_builder import GraphBuilder
 from sgslam.backend.variables import BIM, GraphInputs, start_values
 from sgslam.backend.wall_point_factors import offset_priors, point_factors
 from sgslam.config import Config
@@ -188,38 +188,46 @@ class Backend:
         return (i,) in self.log.held("odometry")
 
     def refine(self, faces: Faces, seen: WallPoints, steps: int = 20) -> None:
-        """Moves the keyframes of an anchored map to the optimum of the points on planned walls, in place of the walls
-        extracted from them, with odometry, level surfaces and loop closures; then the walls and rooms follow. The log
-        stays as it is; the covariances are those of this optimum."""
-        inputs, graph = self._inputs, self.log.graph(walls=False)
+        """Moves the estimates of an anchored map to the optimum of a graph in which points on planned walls take the
+        place of the anchors of walls, but for their directions, and of rooms. The log stays as it is; the covariances
+        are those of this optimum."""
+        inputs, settings = self._inputs, self._config.anchors
+        assert inputs.anchors is not None
+        graph = self.log.graph(lambda kind, key: kind == "anchor" and key[0] in ("wall", "room") and key[-1] != "place")
+        for factor in self._builder.directions(inputs.anchors, inputs.anchor_of):
+            graph.add(factor)
         values = start_values(graph, inputs, self.keyframes, self.planes_in_map, self.levels_in_map)
         walls = sorted({int(faces.wall[face]) for face in seen.face.tolist()})
         for wall in walls:
             values.insert(V(wall), np.zeros(1))
-        settings = self._config.anchors
         for factor in (*point_factors(faces, seen, values, settings), *offset_priors(walls, settings.sigma_offset)):
             graph.add(factor)
-        found, failure = _optimum(graph, values, steps)
-        if found is None:
+        if failure := self._solve(inputs, steps, graph, values):
             _log.warning("the adjustment of %d keyframes failed: %s", len(self.keyframes), failure)
-            return
-        whole = self.log.graph()
-        for key in (BIM, *(X(i) for i in range(len(self.keyframes)))):
-            whole.add(fixed(key, found.atPose3(key).matrix()))
-        if failure := self._solve(inputs, steps, whole):
-            _log.warning("the walls do not follow the adjustment of %d keyframes: %s", len(self.keyframes), failure)
-            return
-        self._optimum = graph, found, inputs
 
-    def _solve(self, inputs: GraphInputs, steps: int, graph: gtsam.NonlinearFactorGraph | None = None) -> str | None:
+    def _solve(
+        self, inputs: GraphInputs, steps: int, graph: gtsam.NonlinearFactorGraph | None = None,
+        values: gtsam.Values | None = None,
+    ) -> str | None:  # fmt: skip
         """Moves the estimates to the optimum of a graph, by default the log's, or returns why they stay."""
         graph = self.log.graph() if graph is None else graph
-        values = start_values(graph, inputs, self.keyframes, self.planes_in_map, self.levels_in_map)
-        result, failure = _optimum(graph, values, steps)
-        if result is not None:
-            self._take(result, inputs)
-            self._optimum = graph, result, inputs
-        return failure
+        parameters = gtsam.LevenbergMarquardtParams()
+        parameters.setMaxIterations(steps)
+        parameters.setRelativeErrorTol(1e-4)
+        try:
+            if values is None:
+                values = start_values(graph, inputs, self.keyframes, self.planes_in_map, self.levels_in_map)
+            optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters)
+            result = optimizer.optimize()
+        except RuntimeError as error:
+            return str(error).strip().partition("\n")[0] or "GTSAM gives no reason"
+        if not np.isfinite(optimizer.error()):
+            return "its error is not finite"
+        if optimizer.error() > _BELIEVABLE * graph.size():
+            return f"its error of {optimizer.error():.1e} is implausibly large"
+        self._take(result, inputs)
+        self._optimum = graph, result, inputs
+        return None
 
     def _rebuild(self, inputs: GraphInputs, steps: int) -> str | None:
         """Solves again from the last optimum, continued by the odometry; unsound factors are barred."""
@@ -286,25 +294,6 @@ class Backend:
         }  # fmt: skip
         self.T_map_bim = values.atPose3(BIM).matrix() if values.exists(BIM) else None
         self._sound = len(self.keyframes)
-
-
-def _optimum(
-    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, steps: int
-) -> tuple[gtsam.Values | None, str | None]:  # fmt: skip
-    """The optimum of a graph from start values, or why there is none."""
-    parameters = gtsam.LevenbergMarquardtParams()
-    parameters.setMaxIterations(steps)
-    parameters.setRelativeErrorTol(1e-4)
-    try:
-        optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters)
-        result = optimizer.optimize()
-    except RuntimeError as error:
-        return None, str(error).strip().partition("\n")[0] or "GTSAM gives no reason"
-    if not np.isfinite(optimizer.error()):
-        return None, "its error is not finite"
-    if optimizer.error() > _BELIEVABLE * graph.size():
-        return None, f"its error of {optimizer.error():.1e} is implausibly large"
-    return result, None
 
 
 def _usable(step: Floats) -> bool:

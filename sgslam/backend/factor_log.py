@@ -1,7 +1,7 @@
 """The factor log: all factors that hold now, and every event of a factor with its time, origin and reason."""
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -106,11 +106,11 @@ class FactorLog:
             self.events.append(FactorEvent(keyframes, kind, key, "refused", by, why))
             _log.warning("factor %s %s, by %s, is refused: %s", kind, "/".join(map(str, key)), by, why)
 
-    def graph(self, walls: bool = True) -> gtsam.NonlinearFactorGraph:
-        """Builds the factor graph of all factors that hold now; without those of `walls` and rooms if so."""
+    def graph(self, without: Callable[[Kind, Key], bool] = lambda kind, key: False) -> gtsam.NonlinearFactorGraph:
+        """Builds the factor graph of all factors that hold now, `without` some."""
         graph = gtsam.NonlinearFactorGraph()
         for kind, key, entry in self:
-            if walls or (kind not in ("wall", "room") and not (kind == "anchor" and key[0] in ("wall", "room"))):
+            if not without(kind, key):
                 graph.add(entry.factor)
         return graph
 

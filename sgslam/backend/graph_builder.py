@@ -4,7 +4,7 @@ All factors go into the log. A factor whose measurement and variables did not ch
 """
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from types import MappingProxyType
 
@@ -24,6 +24,7 @@ _REDESCENDING = 3.0  # whitened residual at which an anchor's weight is a quarte
 _CLOSURE = 3.0  # whitened residual beyond which a loop closure counts less
 _PARALLEL = 0.003  # rad between two floors or ceilings of a building
 _SHORTEST = 0.1  # m of a wall
+_FREE = 1000.0  # m, of what is not measured
 
 
 class GraphBuilder:
@@ -35,12 +36,12 @@ class GraphBuilder:
         self.found: dict[int, Floats] = {}  # T_map_sensor (4, 4) of keyframes to which no odometry leads
         self.begin = np.eye(4)  # T_map_sensor of the first keyframe
         for key, name in ((IDENTITY, "identity"), (SAME, "same")):
-            log.add(0, "start", (name,), Entry(fixed(key, np.eye(4)), "start", "fixed"))
+            log.add(0, "start", (name,), Entry(_fixed(key, np.eye(4)), "start", "fixed"))
 
     def hold_begin(self, T_map_sensor: Floats) -> None:
         """Fixes the first keyframe at its pose (4, 4) in the map, which is level there."""
         self.begin = T_map_sensor
-        entry = Entry(fixed(X(0), T_map_sensor), "start", "the map begins at the first keyframe")
+        entry = Entry(_fixed(X(0), T_map_sensor), "start", "the map begins at the first keyframe")
         self._log.add(0, "start", ("map",), entry)
 
     def hold_step(self, i: int, step: Floats) -> None:
@@ -143,7 +144,7 @@ class GraphBuilder:
         entries = dict[Key, Entry]()
         loose = gtsam.PriorFactorPose3(LEVEL, gtsam.Pose3(), factors.noise_of_pose(1.0, 1.0))
         entries["level",] = before.get(("level",)) or Entry(loose, "level extraction", "a frame that all levels share")
-        noise = factors.noise_of_plane(_PARALLEL, 1000.0, self._config.backend.huber)
+        noise = factors.noise_of_plane(_PARALLEL, _FREE, self._config.backend.huber)
         for level, anchor in anchor_of.items():
             key: Key = ("level", level, anchor)
             up = [0.0, 0.0, 1.0 if self._is_floor[level] else -1.0, 0.0]
@@ -154,14 +155,14 @@ class GraphBuilder:
 
     def _verticals(self, before: Mapping[Key, Entry]) -> dict[Key, Entry]:
         """The vertical that the surfaces show at each keyframe: the normal of the ground of the level frame."""
-        entries, ground, free = dict[Key, Entry](), [0.0, 0.0, 1.0, 0.0], 1000.0
+        entries, ground = dict[Key, Entry](), [0.0, 0.0, 1.0, 0.0]
         key: Key = ("ground",)
         held = partial(factors.observe_own_plane, ground, IDENTITY, GROUND, factors.noise_of_plane(1e-4, 1e-3, None))
         entries |= self._entry("level", key, "front end", "level", held, before)
         for i, keyframe in enumerate(self._keyframes):
             if not np.isfinite(keyframe.sigma_up):
                 continue
-            noise = factors.noise_of_plane(keyframe.sigma_up, free, self._config.backend.huber)
+            noise = factors.noise_of_plane(keyframe.sigma_up, _FREE, self._config.backend.huber)
             build = partial(factors.observe_plane, [*keyframe.up, 0.0], X(i), LEVEL, GROUND, noise)
             why = "surfaces are upright or level"
             entries |= self._entry("level", ("up", i), "front end", why, build, before)
@@ -214,11 +215,19 @@ class GraphBuilder:
             entries |= self._anchored_rooms(anchors, rooms) | self._anchored_levels(anchors, anchor_of_level)
         self._log.hold(len(self._keyframes), "anchor", entries, "the anchoring withdrew or changed it")
 
-    def _anchor(self, frame: int, wall: int, planned: PlannedWall, anchor: int) -> gtsam.NonlinearFactor:
+    def directions(self, anchors: Anchors, anchor_of: dict[int, int]) -> Iterator[gtsam.NonlinearFactor]:
+        """The anchors of walls by their directions alone, for a graph with anchors that leaves their places to other
+        factors."""
+        for number, (wall, planned) in enumerate(planned_walls(anchors, anchor_of), len(anchors.elevations)):
+            yield self._anchor(W(number), wall, planned, anchor_of[wall], _FREE)
+
+    def _anchor(
+        self, frame: int, wall: int, planned: PlannedWall, anchor: int, sigma_offset: float | None = None
+    ) -> gtsam.NonlinearFactor:
         """The anchor of a wall. Its loss redescends: a map that has drifted is pulled back by the walls near their
         places, and then by the next ones; a wall that was built elsewhere hardly pulls."""
         settings = self._config.anchors
-        sigmas = settings.sigma_normal, settings.sigma_offset
+        sigmas = settings.sigma_normal, settings.sigma_offset if sigma_offset is None else sigma_offset
         noise = factors.redescending_noise_of_plane(*sigmas, _REDESCENDING)
         plane = factors.plane_from(planned.place, planned.plane)
         return factors.anchor_plane(plane, frame, X(anchor), P(wall), noise)
@@ -248,6 +257,5 @@ class GraphBuilder:
         return entries
 
 
-def fixed(key: int, pose: Floats) -> gtsam.NonlinearFactor:
-    """Holds a pose (4, 4)."""
+def _fixed(key: int, pose: Floats) -> gtsam.NonlinearFactor:
     return gtsam.PriorFactorPose3(key, gtsam.Pose3(pose), factors.noise_of_pose(1e-5, 1e-5))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from sgslam.backend.variables import BIM
 from sgslam.config import AnchorSettings
 from sgslam.config.sensor import RANGE_NOISE
+from sgslam.geometry.frames import inverse
 from sgslam.mapping.wall_points import Faces, WallPoints
 
 Floats = NDArray[np.float64]
@@ -29,9 +30,11 @@ def point_factors(
     sigma = np.hypot(RANGE_NOISE / np.sqrt(seen.count), settings.sigma_extraction)
     for i, (face, keyframe) in enumerate(zip(seen.face.tolist(), seen.keyframe.tolist(), strict=True)):
         T_sensor_bim = values.atPose3(X(keyframe)).inverse().compose(values.atPose3(BIM)).matrix()
+        # at the sensor's height: walls are not so plumb that the mean of some points would show the sensor's tilt
+        place = np.array([*seen.place[i], inverse(T_sensor_bim)[2, 3]])
         normal = np.array([*faces.normal[face], 0.0])
-        there = np.concatenate([np.cross(seen.place[i], normal), normal])  # of a motion of the BIM frame
-        n, p = T_sensor_bim[:3, :3] @ normal, T_sensor_bim[:3, :3] @ seen.place[i] + T_sensor_bim[:3, 3]
+        there = np.concatenate([np.cross(place, normal), normal])  # of a motion of the BIM frame
+        n, p = T_sensor_bim[:3, :3] @ normal, T_sensor_bim[:3, :3] @ place + T_sensor_bim[:3, 3]
         here = np.concatenate([np.cross(p, n), n])  # of a motion of the sensor, in its own axes
         keys = X(keyframe), here[None], BIM, -there[None], V(int(faces.wall[face])), -faces.sign[face : face + 1, None]
         noise = gtsam.noiseModel.Isotropic.Sigma(1, float(sigma[i]))

@@ -10,7 +10,7 @@ from sgslam.geometry.frames import inverse
 from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
-SMOOTHED = 0.25  # times a step's standard deviations after a second pass, which registers all scans to one map
+SMOOTHED = 0.6  # times a step's standard deviations after a second pass; measured 0.4 to 0.9 in 16 drives
 _STANDING = 50  # scans from keyframe to keyframe while the sensor stands; doubled after each
 Floats32 = NDArray[np.float32]  # of what there is much of
 

@@ -41,7 +41,7 @@ class WallPoints:
     """N means, one for each face that a keyframe saw.
 
     `face` and `keyframe` (N,) are indices, `offset` (N,) is the mean distance (m) of the `count` points from the face,
-    along its normal, and `place` (N, 3) their mean in the plan's frame.
+    along its normal, and `place` (N, 2) their mean in plan view.
     """
 
     face: Ints
@@ -84,19 +84,19 @@ def wall_points(faces: Faces, clouds: Iterable[tuple[Floats, NDArray[np.float32]
     """The points of all keyframes, as pairs of T_plan_sensor (4, 4) and points (N, 3) in the sensor frame, at the
     distance from each face at which most points lie."""
     parts = [_near_faces(faces, T, points, k) for k, (T, points) in enumerate(clouds)]
-    rows = np.concatenate([part for part in parts if len(part)] or [np.empty((0, 6), np.float32)])
+    rows = np.concatenate([part for part in parts if len(part)] or [np.empty((0, 5), np.float32)])
     found = list[Floats]()
     order = np.argsort(rows[:, 0], kind="stable")
     for own in np.split(order, np.flatnonzero(np.diff(rows[order, 0])) + 1):
         if len(own):
             found += _means(rows[own].astype(np.float64))
-    table = np.array(found).reshape(-1, 7)
-    whole = table[:, [0, 1, 6]].astype(np.int64)
-    return WallPoints(whole[:, 0], whole[:, 1], table[:, 2], whole[:, 2], table[:, 3:6])
+    table = np.array(found).reshape(-1, 6)
+    whole = table[:, [0, 1, 5]].astype(np.int64)
+    return WallPoints(whole[:, 0], whole[:, 1], table[:, 2], whole[:, 2], table[:, 3:5])
 
 
 def _near_faces(faces: Faces, T_plan_sensor: Floats, points: NDArray[np.float32], number: int) -> NDArray[np.float32]:
-    """(K, 6) of the points near a face: its number, that of the keyframe, the distance from the face, and the point."""
+    """(K, 5) of the points near a face: its number, that of the keyframe, the distance from the face, and x and y."""
     sensor = T_plan_sensor[:3, 3]
     ahead = np.sum((sensor[:2] - faces.centre) * faces.normal, axis=1)
     own = np.flatnonzero((ahead > 0) & (ahead < _FURTHEST))
@@ -113,12 +113,12 @@ def _near_faces(faces: Faces, T_plan_sensor: Floats, points: NDArray[np.float32]
         count = int(near.sum())
         if count:
             same = np.tile([face, number], (count, 1))
-            found.append(np.column_stack([same, off[near], seen[near]]).astype(np.float32))
-    return np.concatenate(found or [np.empty((0, 6), np.float32)])
+            found.append(np.column_stack([same, off[near], seen[near, :2]]).astype(np.float32))
+    return np.concatenate(found or [np.empty((0, 5), np.float32)])
 
 
 def _means(rows: Floats) -> list[Floats]:
-    """The means in each keyframe of what was seen of one face, (K, 6) as from `_near_faces`, with their counts."""
+    """The means in each keyframe of what was seen of one face, (K, 5) as from `_near_faces`, with their counts."""
     shift = _most(rows[:, 2])
     rows = rows[np.abs(rows[:, 2] - shift) < 3 * RANGE_NOISE]
     found = []

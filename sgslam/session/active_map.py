@@ -239,7 +239,7 @@ class ActiveMap:
             T_plan_sensor = self.T_bim_map @ self.backend.poses
             faces = faces_of(self.anchoring.a_graph)
             seen = wall_points(faces, ((T, self.clouds[k]) for k, T in enumerate(T_plan_sensor)))
-            in_local = replace(seen, place=seen.place - self.anchoring.origin)
+            in_local = replace(seen, place=seen.place - self.anchoring.origin[:2])
             self.backend.refine(faces, in_local)
         self.floors.refresh(self.backend, self.transition.height, last=True)
         self._cut_scenes()
