@@ -189,21 +189,26 @@ class Backend:
 
     def refine(self, faces: Faces, seen: WallPoints, steps: int = 20) -> None:
         """Moves the estimates of an anchored map to the optimum of a graph in which points on planned walls take the
-        place of the anchors of walls, but for their directions, and of rooms. The log stays as it is; the covariances
-        are those of this optimum."""
+        place of the anchors of rooms, and of walls but for their directions. The log stays as it is."""
         inputs, settings = self._inputs, self._config.anchors
         assert inputs.anchors is not None
-        graph = self.log.graph(lambda kind, key: kind == "anchor" and key[0] in ("wall", "room") and key[-1] != "place")
-        for factor in self._builder.directions(inputs.anchors, inputs.anchor_of):
-            graph.add(factor)
-        values = start_values(graph, inputs, self.keyframes, self.planes_in_map, self.levels_in_map)
+        # what is known of the poses: walls were extracted from the same points, which count once
+        known = self.log.graph(lambda kind, key: kind not in ("wall", "room") and not _is_anchor_of_wall(kind, key))
+        start = start_values(self.log.graph(), inputs, self.keyframes, self.planes_in_map, self.levels_in_map)
         walls = sorted({int(faces.wall[face]) for face in seen.face.tolist()})
         for wall in walls:
-            values.insert(V(wall), np.zeros(1))
-        for factor in (*point_factors(faces, seen, values, settings), *offset_priors(walls, settings.sigma_offset)):
+            start.insert(V(wall), np.zeros(1))
+        for factor in (*point_factors(faces, seen, start, settings), *offset_priors(walls, settings.sigma_offset)):
+            known.add(factor)
+        # the walls themselves make the map more rigid, and their directions upright
+        graph = self.log.graph(lambda kind, key: kind in ("wall", "room"))
+        graph.push_back(known)
+        for factor in self._builder.directions(inputs.anchors, inputs.anchor_of):
             graph.add(factor)
-        if failure := self._solve(inputs, steps, graph, values):
+        if failure := self._solve(inputs, steps, graph, start):
             _log.warning("the adjustment of %d keyframes failed: %s", len(self.keyframes), failure)
+        elif self._optimum is not None:
+            self._optimum = known, self._optimum[1], inputs
 
     def _solve(
         self, inputs: GraphInputs, steps: int, graph: gtsam.NonlinearFactorGraph | None = None,
@@ -294,6 +299,11 @@ class Backend:
         }  # fmt: skip
         self.T_map_bim = values.atPose3(BIM).matrix() if values.exists(BIM) else None
         self._sound = len(self.keyframes)
+
+
+def _is_anchor_of_wall(kind: Kind, key: Key) -> bool:
+    """Whether a factor anchors a wall or a room; a frame at a planned wall has the key of its anchor, and "place"."""
+    return kind == "anchor" and key[0] in ("wall", "room") and key[-1] != "place"
 
 
 def _usable(step: Floats) -> bool:

@@ -32,7 +32,7 @@ class Uncertainty:
         from scipy.sparse import csc_matrix, diags
 
         self._values = values
-        keys = list(values.keys())  # sorted, as the columns are
+        keys = sorted(set(graph.keyVector()))
         sizes = [_DIMENSIONS.get(chr(gtsam.symbolChr(key)), 6) for key in keys]
         starts = np.concatenate([[0], np.cumsum(sizes)]).tolist()
         self._columns = {key: slice(a, b) for key, a, b in zip(keys, starts[:-1], starts[1:], strict=True)}

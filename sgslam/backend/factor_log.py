@@ -106,11 +106,11 @@ class FactorLog:
             self.events.append(FactorEvent(keyframes, kind, key, "refused", by, why))
             _log.warning("factor %s %s, by %s, is refused: %s", kind, "/".join(map(str, key)), by, why)
 
-    def graph(self, without: Callable[[Kind, Key], bool] = lambda kind, key: False) -> gtsam.NonlinearFactorGraph:
-        """Builds the factor graph of all factors that hold now, `without` some."""
+    def graph(self, of: Callable[[Kind, Key], bool] = lambda kind, key: True) -> gtsam.NonlinearFactorGraph:
+        """Builds the factor graph of all factors that hold now, or of those that are chosen."""
         graph = gtsam.NonlinearFactorGraph()
         for kind, key, entry in self:
-            if not without(kind, key):
+            if of(kind, key):
                 graph.add(entry.factor)
         return graph
 
