@@ -1,4 +1,4 @@
-"""The answer to a scan: where the sensor is, how well it is tracked, and what ties the map to the building."""
+"""The answer to a scan, and how long answers took."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.geometry.poses import poses_to_xyzquat
-from sgslam.cli.processes.messages import HeldAnchor
+from sgslam.cli.processes.mapping_process import HeldAnchor
 from sgslam.types import Health
 
 Floats = NDArray[np.float64]
@@ -75,3 +75,29 @@ class Answer:
 
 def _pose(T: Floats | None) -> list[float] | None:
     return None if T is None else [round(float(value), 6) for value in poses_to_xyzquat(T[None])[0]]
+
+
+class Latencies:
+    """How long answers took, and the most scans that ever waited."""
+
+    def __init__(self) -> None:
+        self._seconds: list[float] = []
+        self._most_waiting = 0
+
+    def add(self, seconds: float, waiting: int) -> None:
+        """Adds an answer."""
+        self._seconds.append(seconds)
+        self._most_waiting = max(self._most_waiting, waiting)
+
+    @property
+    def answers(self) -> int:
+        """How many there were."""
+        return len(self._seconds)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for metrics.json; the percentiles are None before the first answer."""
+        told: dict[str, Any] = {"answers": self.answers, "p50_ms": None, "p99_ms": None, "longest_ms": 0}
+        if self._seconds:
+            shares = np.quantile(self._seconds, (0.5, 0.99, 1.0), method="inverted_cdf")
+            told |= zip(("p50_ms", "p99_ms", "longest_ms"), np.rint(1000 * shares).astype(int).tolist(), strict=True)
+        return told | {"most_waiting": self._most_waiting}

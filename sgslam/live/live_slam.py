@@ -1,8 +1,7 @@
 """Live use from Python: `LiveSlam`."""
 
 import atexit
-from argparse import Namespace
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from types import TracebackType
@@ -12,19 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.scans.scan import SkippedScan
-from sgslam.cli.job.scan_inputs import PassedScans, ScanInputs
-from sgslam.cli.processes.mapping_process import MappingProcess
-from sgslam.cli.processes.messages import MapInputs, MapState
+from sgslam.cli.job.inputs import PassedScans, RunInputs
+from sgslam.cli.options import MOST_WAITING, RunOptions
+from sgslam.cli.processes.mapping_process import MappingProcess, MapState
 from sgslam.cli.processes.tracking_side import TrackingSide
 from sgslam.config import Config
-from sgslam.live.answer import Answer
-from sgslam.live.latencies import Latencies
-from sgslam.run import default_options as run_options
+from sgslam.live.answer import Answer, Latencies
 from sgslam.types import Health, TrackedScan
 from sgslam.warm_up import compile_ahead, warm_up
 
 Floats = NDArray[np.float64]
-MOST_WAITING = 600  # scans: a minute at 10 Hz; 20,000 points take 0.5 MB
 
 
 class LiveSlam:
@@ -45,29 +41,29 @@ class LiveSlam:
     ) -> None:  # fmt: skip
         """Returns once both processes are ready; the first time after an installation, compilation takes a minute.
         Raises UserError for unusable input."""
-        config, options = config or Config(), run_options()
-        options.out, options.bim, options.map = Path(out), bim and Path(bim), map and Path(map)
-        options.storey, options.start = storey, start and ",".join([repr(value) for value in start])
-        self._begin(options, config, most_waiting)
+        options = RunOptions(
+            out=Path(out), bim=Path(bim) if bim else None, map=Path(map) if map else None, storey=storey, start=start
+        )
+        self._begin(options, config or Config(), most_waiting)
 
     @classmethod
-    def of(cls, options: Namespace, config: Config, most_waiting: int = MOST_WAITING) -> "LiveSlam":
-        """With the options of `sgslam live`. Raises UserError."""
+    def of(cls, options: RunOptions, config: Config, most_waiting: int = MOST_WAITING) -> "LiveSlam":
+        """With the options of `sgslam live`, the folder for the results among them. Raises UserError."""
         live = cls.__new__(cls)
-        live._begin(Namespace(**{**vars(run_options()), **vars(options)}), config, most_waiting)
+        live._begin(options, config, most_waiting)
         return live
 
-    def _begin(self, options: Namespace, config: Config, most_waiting: int) -> None:
-        """`options` are those of `sgslam run`."""
+    def _begin(self, options: RunOptions, config: Config, most_waiting: int) -> None:
         compile_ahead().wait()
-        options.single_pass = True
-        scans = ScanInputs(None, config, PassedScans(options.out))
+        options = replace(options, single_pass=True, live=True)
+        assert options.out is not None
+        inputs = RunInputs(options, config, PassedScans(options.out))
         self._T_odom_sensor: Floats = np.eye(4)
         self._health: Health | None = None
         self._latencies = Latencies()
         self._map = MappingProcess(most_waiting, warns=True)
         try:
-            self._map.begin(MapInputs(options, scans, partial(warm_up, config, with_map=True), outlives=True))
+            self._map.begin(inputs)
             warm_up(config, with_map=False)  # while that process reads the building
             self._map.wait_until_ready()
         except BaseException:

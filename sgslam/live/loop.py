@@ -1,9 +1,12 @@
-"""The loop of `sgslam live`: takes scans as they come and writes a line for each."""
+"""The loop of `sgslam live`: takes scans as they come and writes a line for each; lines on standard input change it."""
 
 import contextlib
 import json
+import math
 import os
 import queue
+import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from time import perf_counter
@@ -12,15 +15,54 @@ from typing import Any, TextIO
 from data.common.errors import UserError
 from data.scans import Scan
 from data.streams import Arrival, ScanStream
-from sgslam.cli.processes.messages import HeldAnchor
-from sgslam.live.answer import Answer
-from sgslam.live.commands import PoseLines
-from sgslam.live.latencies import Latencies
+from sgslam.cli.options import Triple
+from sgslam.cli.processes.mapping_process import HeldAnchor
+from sgslam.live.answer import Answer, Latencies
 from sgslam.live.live_slam import LiveSlam
 from sgslam.perception.scan_checks import in_metres_and_sensor_frame
 
 _AHEAD = 8  # scans read ahead where they come faster than they are tracked
+_FORM = "initialpose X Y YAW (m, m, rad)"
 _LOOK = 0.1  # s between two looks whether the end was asked for
+
+
+def read_pose(line: str) -> Triple | None:
+    """The pose that a line gives; None where it has another form."""
+    name, *words = line.split() or [""]
+    if name != "initialpose" or len(words) != 3:
+        return None
+    try:
+        x, y, yaw = (float(word) for word in words)
+    except ValueError:
+        return None
+    return (x, y, yaw) if all(map(math.isfinite, (x, y, yaw))) else None
+
+
+class PoseLines:
+    """Reads poses from lines, in a thread of its own. A line of another form is reported on standard error."""
+
+    def __init__(self, lines: TextIO) -> None:
+        self._poses: queue.SimpleQueue[Triple] = queue.SimpleQueue()
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTTIN, signal.SIG_IGN)  # a job in the background reads nothing, and is not stopped
+        threading.Thread(target=self._read, args=(lines,), daemon=True).start()
+
+    def newest(self) -> Triple | None:
+        """The newest pose since the last call; None if there is none."""
+        pose = None
+        with contextlib.suppress(queue.Empty):
+            while True:
+                pose = self._poses.get_nowait()
+        return pose
+
+    def _read(self, lines: TextIO) -> None:
+        with contextlib.suppress(OSError, ValueError):  # no standard input
+            for line in lines:
+                pose = read_pose(line)
+                if pose is not None:
+                    self._poses.put(pose)
+                elif line.strip():
+                    print(f"not understood: '{line.strip()}'; write {_FORM}", file=sys.stderr)
 
 
 class LiveLoop:

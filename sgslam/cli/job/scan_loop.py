@@ -1,10 +1,11 @@
 """The scan loop of a run: adds the scans one by one, writes checkpoints, and stops cleanly when interrupted."""
 
+import gc
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from time import perf_counter
 from types import FrameType
 from typing import Any, Protocol, TypeAlias
@@ -14,33 +15,39 @@ from numpy.typing import NDArray
 
 from data import UserError
 from data.imu import ImuSamples
-from data.scans import ScanSource
-from sgslam.odometry.external import ExternalOdometry
+from sgslam.cli.job.inputs import RunInputs
 from sgslam.session import Checkpoints, Update
 from sgslam.session.checkpoints import Resumable
 from sgslam.slam import SceneGraphSlam
 
+Floats = NDArray[np.float64]
 _SCAN_NS = 200_000_000  # as long as a scan lasts at most, from its stamp on
 
-ScanCallback: TypeAlias = Callable[[SceneGraphSlam, Update, NDArray[np.float64]], None]
+ScanCallback: TypeAlias = Callable[[SceneGraphSlam, Update, Floats], None]
 
 
 class TakesScans(Resumable, Protocol):
     """`SceneGraphSlam`, or what takes its place where another process builds the map."""
 
     @property
-    def add_scan(self) -> Callable[..., Any]:
+    def newest_imu_ns(self) -> int | None:
+        """The stamp of the newest IMU sample; None before the first."""
+        ...
+
+    def add_scan(
+        self,
+        stamp_ns: int,
+        points: Floats,
+        point_times: Floats | None,
+        T_odom_sensor: Floats | None,
+        step_covariance: Floats | None,
+        /,
+    ) -> Any:
         """See `SceneGraphSlam.add_scan`."""
         ...
 
-    @property
-    def add_imu(self) -> Callable[..., None]:
+    def add_imu(self, stamp_ns: NDArray[np.int64], gyro: Floats, accel: Floats, /) -> None:
         """See `SceneGraphSlam.add_imu`."""
-        ...
-
-    @property
-    def newest_imu_ns(self) -> int | None:
-        """The stamp of the newest IMU sample; None before the first."""
         ...
 
 
@@ -53,10 +60,6 @@ class Progress:
     fed: int = 0
     seconds: dict[str, float] = field(default_factory=lambda: {"reading": 0.0, "checkpoints": 0.0})
     warnings: list[str] = field(default_factory=list)
-
-    def to_dict(self) -> dict[str, Any]:
-        """The keyword arguments of `Progress`."""
-        return {"index": self.index, "fed": self.fed, "seconds": self.seconds, "warnings": self.warnings}
 
 
 class Interruption:
@@ -92,20 +95,22 @@ def interruptible() -> Iterator[Interruption]:
 
 
 def run_scans(
-    slam: TakesScans, scans: ScanSource, progress: Progress, checkpoints: Checkpoints,
-    odometry: ExternalOdometry | None = None, on_scan: Sequence[ScanCallback] = (),
-    imu: ImuSamples | None = None,
-) -> str | None:  # fmt: skip
+    slam: TakesScans,
+    inputs: RunInputs,
+    progress: Progress,
+    checkpoints: Checkpoints,
+    on_scan: Sequence[ScanCallback] = (),
+) -> str | None:
     """Adds the scans after `progress.index` and updates `progress`; returns the reason if it stops early, else None.
 
-    `odometry` is an external odometry; `imu` holds the samples of an IMU; `on_scan` are called after each scan, where
-    this process builds the map. Raises UserError if not even one scan could be added, and KeyboardInterrupt at the
-    second interrupt.
+    `on_scan` are called after each scan, where this process builds the map. Raises UserError if not even one scan could
+    be added, and KeyboardInterrupt at the second interrupt.
     """
     from rich.console import Console
     from rich.progress import Progress as Bar
 
-    console = Console(stderr=True)
+    gc.freeze()  # what is loaded stays: the garbage collector need not scan it
+    console, scans, odometry = Console(stderr=True), inputs.scans, inputs.odometry
     with interruptible() as interruption, Bar(console=console, disable=not console.is_terminal, transient=True) as bar:
         task = bar.add_task("scans", total=len(scans))
         waiting = perf_counter()
@@ -115,9 +120,9 @@ def run_scans(
                     continue
                 progress.seconds["reading"] += perf_counter() - waiting
                 if interruption:
-                    checkpoints.write(slam, progress.to_dict())
+                    checkpoints.write(slam, asdict(progress))
                     return f"interrupted after {progress.fed} of {len(scans)} scans"
-                _add_imu(slam, imu, scan.stamp_ns)
+                _add_imu(slam, inputs.imu, scan.stamp_ns)
                 T_odom_sensor = scan.T_odom_sensor if odometry is None else odometry.at(scan.stamp_ns)
                 step = scan.step_covariance if odometry is None else None
                 update = slam.add_scan(scan.stamp_ns, scan.points, scan.point_times, T_odom_sensor, step)
@@ -127,14 +132,14 @@ def run_scans(
                 progress.index, progress.fed = scan.index, progress.fed + 1
                 bar.update(task, completed=scan.index + 1)
                 began = perf_counter()
-                checkpoints.write_if_due(slam, progress.to_dict())
+                checkpoints.write_if_due(slam, asdict(progress))
                 waiting = perf_counter()
                 progress.seconds["checkpoints"] += waiting - began
         except UserError as error:
             if not progress.fed:
                 raise
             return str(error)
-    checkpoints.write(slam, progress.to_dict())  # who is interrupted while the map is completed loses no scan
+    checkpoints.write(slam, asdict(progress))  # who is interrupted while the map is completed loses no scan
     return None
 
 
