@@ -1,41 +1,17 @@
-"""The options of the commands that run on a building: each is a field of `RunOptions`, with its help and checks."""
+"""The options of the commands that run on a building: fields of `RunOptions`, with help and checks."""
 
 import argparse
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from data.common.errors import UserError
 
 Triple = tuple[float, float, float]
 MOST_WAITING = 600  # scans of a live run that wait for the map: a minute at 10 Hz; 20,000 points take 0.5 MB
 Number = TypeVar("Number", int, float)
-
-
-@dataclass(frozen=True)
-class _Option:
-    """How the command line gives a field of `RunOptions`: the group of the help, and arguments of `add_argument`. The
-    field's type and default say the rest."""
-
-    group: str
-    help: str
-    metavar: str | None = None
-    read: Callable[[str], Any] | None = None
-    more: tuple[tuple[str, str], ...] = ()
-
-    def arguments(self, kind: Any, default: Any) -> dict[str, Any]:
-        """Those of `ArgumentParser.add_argument`."""
-        own = {"help": self.help, "metavar": self.metavar, **dict(self.more)}
-        if default is False:
-            return {"help": self.help, "action": "store_true"}
-        if default == ():
-            return {**own, "action": "append", "default": []}
-        first = get_args(kind)[0] if get_args(kind) else kind
-        if get_origin(first) is Literal:
-            return {**own, "choices": get_args(first), "default": default}
-        return {**own, "type": self.read or first, "default": default}
 
 
 def _numbers(option: str, form: str, example: str) -> Callable[[str], Triple]:
@@ -88,101 +64,40 @@ def bounded(option: str, kind: Callable[[str], Number], least: Number, unit: str
 
 @dataclass(frozen=True)
 class RunOptions:
-    """What a run is told: by `sgslam run`, `live`, `anchor`, by a line of `batch`, and by `LiveSlam`.
+    """What a run is told: by `sgslam run`, `live`, `anchor`, by a line of `batch`, and by `LiveSlam`; see `_HELP`.
 
     `start` is x, y (m), yaw (rad) in the BIM frame, `mount` roll, pitch, yaw in degrees, `tolerance` in metres. `live`:
     the scans come while it runs.
     """
 
-    scan_dir: Annotated[
-        Path | None,
-        _Option("scans", "scans: a folder or a bag (docs/own_sensor.md); required without --demo or --resume", "DIR"),
-    ] = None
-    slam_output: Annotated[
-        Path | None,
-        _Option("scans", "poses (TUM, KITTI, EuRoC), a folder of KISS-SLAM or GLIM, or a .g2o file", "OUTPUT"),
-    ] = None
-    cloud: Annotated[
-        Path | None, _Option("scans", "map in the poses' frame, instead of scans: .ply, .pcd, .las, ...", "FILE")
-    ] = None
-    times: Annotated[Path | None, _Option("scans", "stamps of the KITTI poses, in seconds, one per line", "FILE")] = (
-        None
-    )
-    topic: Annotated[str | None, _Option("scans", "topic of the scans, if there are several", "NAME")] = None
-    stamp: Annotated[
-        Literal["start", "middle", "end"] | None,
-        _Option("scans", "the instant of a scan that its stamp names (default: what the format fixes, else start)"),
-    ] = None
-    mount: Annotated[
-        Triple | None,
-        _Option(
-            "scans",
-            "roll, pitch and yaw of the sensor in degrees; needed beyond 40 (upside down: 180,0,0)",
-            "R,P,Y",
-            _mount,
-        ),
-    ] = None
-    odometry: Annotated[
-        str | None,
-        _Option("scans", "continuous_time (default), kiss or small_gicp, or a TUM file with poses", "NAME|FILE"),
-    ] = None
-    imu: Annotated[Path | None, _Option("scans", "IMU samples: a bag, or CSV in the format of EuRoC", "FILE")] = None
-    imu_topic: Annotated[str | None, _Option("scans", "topic of the IMU, if the bag of --imu has several", "NAME")] = (
-        None
-    )
-    demo: Annotated[
-        bool, _Option("scans", "generate a building, simulate a drive through it, and run on this drive")
-    ] = False
-    seed: Annotated[int, _Option("scans", "random seed of the demo drive (default: 0)", "N")] = 0
-    resume: Annotated[Path | None, _Option("scans", "--out folder of an interrupted run to resume", "DIR")] = None
-    bim: Annotated[
-        Path | None,
-        _Option("building", "the building: .ifc, .ifczip, .dxf, .geojson, or an A-graph as .json", "FILE"),
-    ] = None
-    layer: Annotated[tuple[str, ...], _Option("building", "wall layer of a .dxf file (repeatable)", "NAME")] = ()
-    storey: Annotated[
-        str | None, _Option("building", "name or id of the storey on which the run begins, if known", "NAME")
-    ] = None
-    start: Annotated[
-        Triple | None,
-        _Option(
-            "building", "rough initial pose in the BIM frame (m, rad); resolves ambiguous matches", "X,Y,YAW", _start
-        ),
-    ] = None
-    tolerance: Annotated[
-        float | None,
-        _Option(
-            "building",
-            "offset up to which an element counts as planned, e.g. 15mm (default: 30mm)",
-            "LENGTH",
-            _tolerance,
-        ),
-    ] = None
-    map: Annotated[
-        Path | None, _Option("building", "--out folder of an earlier run, whose map this run extends", "DIR")
-    ] = None
-    config: Annotated[Path | None, _Option("settings", "settings as YAML, such as a run's config.yaml", "FILE")] = None
-    set: Annotated[tuple[str, ...], _Option("settings", "a single setting (repeatable)", "A.B=C")] = ()
-    single_pass: Annotated[bool, _Option("settings", "do not register all scans a second time")] = False
-    out: Annotated[Path | None, _Option("results", "folder for the results (default: out/<date>_<time>)", "DIR")] = None
-    ground_truth: Annotated[
-        Path | None,
-        _Option("results", "true sensor poses in the BIM frame: TUM, with the clock of the scans", "FILE"),
-    ] = None
-    view: Annotated[
-        str | None,
-        _Option(
-            "results",
-            "show the run in the browser until Ctrl-C (default port: 8080)",
-            "[HOST:]PORT",
-            more=(("nargs", "?"), ("const", "8080")),
-        ),
-    ] = None
-    rerun: Annotated[Path | None, _Option("results", "write a recording (.rrd) for the Rerun viewer", "FILE")] = None
-    strict: Annotated[
-        bool, _Option("results", "exit with code 3 unless every scan is anchored and the map is sound")
-    ] = False
-    verbose: Annotated[bool, _Option("results", "print log messages")] = False
+    scan_dir: Path | None = None
+    slam_output: Path | None = None
+    cloud: Path | None = None
+    times: Path | None = None
+    topic: str | None = None
+    stamp: Literal["start", "middle", "end"] | None = None
+    mount: Triple | None = None
+    odometry: str | None = None
+    imu: Path | None = None
+    imu_topic: str | None = None
+    demo: bool = False
+    seed: int = 0
+    resume: Path | None = None
+    bim: Path | None = None
+    layer: tuple[str, ...] = ()
+    storey: str | None = None
+    start: Triple | None = None
+    tolerance: float | None = None
+    map: Path | None = None
+    config: Path | None = None
+    set: tuple[str, ...] = ()
+    single_pass: bool = False
+    out: Path | None = None
+    ground_truth: Path | None = None
+    view: str | None = None
+    rerun: Path | None = None
+    strict: bool = False
+    verbose: bool = False
     live: bool = False
 
     @classmethod
@@ -199,6 +114,46 @@ class RunOptions:
 
 
 _FIELDS = {own.name: own for own in fields(RunOptions)}
+_READ: dict[str, Callable[[str], Any]] = {"mount": _mount, "start": _start, "tolerance": _tolerance}  # with checks
+_HELP: dict[str, dict[str, tuple[str | None, str]]] = {  # metavar and help of each option, as the help groups them
+    "scans": {
+        "scan_dir": ("DIR", "scans: a folder or a bag (docs/own_sensor.md); required without --demo or --resume"),
+        "slam_output": ("OUTPUT", "poses (TUM, KITTI, EuRoC), a folder of KISS-SLAM or GLIM, or a .g2o file"),
+        "cloud": ("FILE", "map in the poses' frame, instead of scans: .ply, .pcd, .las, ..."),
+        "times": ("FILE", "stamps of the KITTI poses, in seconds, one per line"),
+        "topic": ("NAME", "topic of the scans, if there are several"),
+        "stamp": (None, "the instant of a scan that its stamp names (default: what the format fixes, else start)"),
+        "mount": ("R,P,Y", "roll, pitch and yaw of the sensor in degrees; needed beyond 40 (upside down: 180,0,0)"),
+        "odometry": ("NAME|FILE", "continuous_time (default), kiss or small_gicp, or a TUM file with poses"),
+        "imu": ("FILE", "IMU samples: a bag, or CSV in the format of EuRoC"),
+        "imu_topic": ("NAME", "topic of the IMU, if the bag of --imu has several"),
+        "demo": (None, "generate a building, simulate a drive through it, and run on this drive"),
+        "seed": ("N", "random seed of the demo drive (default: 0)"),
+        "resume": ("DIR", "--out folder of an interrupted run to resume"),
+    },
+    "building": {
+        "bim": ("FILE", "the building: .ifc, .ifczip, .dxf, .geojson, or an A-graph as .json"),
+        "layer": ("NAME", "wall layer of a .dxf file (repeatable)"),
+        "storey": ("NAME", "name or id of the storey on which the run begins, if known"),
+        "start": ("X,Y,YAW", "rough initial pose in the BIM frame (m, rad); resolves ambiguous matches"),
+        "tolerance": ("LENGTH", "offset up to which an element counts as planned, e.g. 15mm (default: 30mm)"),
+        "map": ("DIR", "--out folder of an earlier run, whose map this run extends"),
+    },
+    "settings": {
+        "config": ("FILE", "settings as YAML, such as a run's config.yaml"),
+        "set": ("A.B=C", "a single setting (repeatable)"),
+        "single_pass": (None, "do not register all scans a second time"),
+    },
+    "results": {
+        "out": ("DIR", "folder for the results (default: out/<date>_<time>)"),
+        "ground_truth": ("FILE", "true sensor poses in the BIM frame: TUM, with the clock of the scans"),
+        "view": ("[HOST:]PORT", "show the run in the browser until Ctrl-C (default port: 8080)"),
+        "rerun": ("FILE", "write a recording (.rrd) for the Rerun viewer"),
+        "strict": (None, "exit with code 3 unless every scan is anchored and the map is sound"),
+        "verbose": (None, "print log messages"),
+    },
+}
+_UNGROUPED = 5  # options at most that a command's help does not group
 COMMON = (
     *("bim", "layer", "storey", "start", "tolerance", "map", "topic", "stamp", "mount"),
     *("config", "set", "out", "ground_truth", "verbose"),
@@ -208,15 +163,28 @@ OF_A_RUN = (*ANCHORING, "scan_dir", "odometry", "imu", "imu_topic", "demo", "see
 
 
 def add_options(parser: argparse.ArgumentParser, *names: str, **changes: dict[str, Any]) -> None:
-    """Adds the options of these names, in the groups of their help; `changes` are other arguments of some, `flag` is
-    what the command line calls the option."""
-    groups: dict[str, Any] = {}
-    for name, hint in get_type_hints(RunOptions, include_extras=True).items():
-        if name not in names and name not in changes:
-            continue
-        kind, option = get_args(hint)
-        if option.group not in groups:
-            groups[option.group] = parser.add_argument_group(option.group)
-        given = {**option.arguments(kind, _FIELDS[name].default), **changes.get(name, {})}
-        flag = given.pop("flag", f"--{name.replace('_', '-')}")
-        groups[option.group].add_argument(flag, **given, **({"dest": name} if flag.startswith("-") else {}))
+    """Adds the options of these names; `changes` are arguments of `add_argument` for some, with `flag` for another name
+    on the command line."""
+    kinds, is_long = get_type_hints(RunOptions), len(names) + len(changes) > _UNGROUPED
+    for title, options in _HELP.items():
+        chosen = {name: own for name, own in options.items() if name in names or name in changes}
+        group = parser.add_argument_group(title) if chosen and is_long else parser
+        for name, (metavar, about) in chosen.items():
+            given: dict[str, Any] = {"help": about, **_kind(name, kinds[name], metavar), **changes.get(name, {})}
+            flag = given.pop("flag", f"--{name.replace('_', '-')}")
+            if flag.startswith("-"):
+                given["dest"] = name
+            group.add_argument(flag, **given)
+
+
+def _kind(name: str, kind: Any, metavar: str | None) -> dict[str, Any]:
+    """The arguments of `add_argument` that a field's type and default say."""
+    default, first = _FIELDS[name].default, get_args(kind)[0] if get_args(kind) else kind
+    if default is False:
+        return {"action": "store_true"}
+    if default == ():
+        return {"action": "append", "default": [], "metavar": metavar}
+    if get_origin(first) is Literal:
+        return {"choices": get_args(first)}
+    optional = {"nargs": "?", "const": "8080"} if name == "view" else {}
+    return {"type": _READ.get(name, first), "default": default, "metavar": metavar, **optional}

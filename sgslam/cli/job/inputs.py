@@ -34,7 +34,12 @@ from sgslam.session.result import prepare_folder
 from sgslam.warm_up import compile_ahead
 
 _OPTIONS = TypeAdapter(RunOptions)
-_DIGESTS = {"scans": "other scans", "building": "another building", "map": "another map", "imu": "other IMU samples"}
+_OTHER = {"scans": "other scans", "building": "another building", "map": "another map", "imu": "other IMU samples"}
+# with --resume: files, which may have been moved and are compared by content, and what is shown and told
+_MAY_CHANGE = (
+    *("scan_dir", "slam_output", "cloud", "times", "imu", "bim", "map", "ground_truth"),
+    *("out", "resume", "view", "rerun", "strict", "verbose"),
+)
 
 
 class MatcherWithStart:
@@ -102,7 +107,7 @@ class RunInputs:
         resumed = None
         if options.resume is not None:
             options, resumed = _resumed(options, options.resume)
-        config, odometry = read_settings(options, resumed)
+        config, odometry = read_settings(options, resumed and resumed["config"])
         options = replace(options, out=options.out or default_out())
         if options.demo:
             options = _demo(options)
@@ -160,28 +165,22 @@ class RunInputs:
         return Building(bim, prior, truth, MatcherWithStart(matcher, options.start), began, cpu_began, seconds)
 
     def header(self, bim: Bim | None) -> dict[str, Any]:
-        """What identifies the run in its state, in JSON form: digests of what it reads, its settings, its options."""
+        """What a state says of its run, in JSON form: digests of what it reads, its settings and its options. Raises
+        UserError if the digests are not those of the run to be resumed."""
         prior = self.options.map
-        told = replace(self.options, config=None, set=(), out=None, resume=None, view=None, rerun=None)
-        return {
+        digests = {
             "scans": _scans_digest(self.scans),
             "building": None if bim is None else _digest(json.dumps(bim.graph.to_dict(), sort_keys=True).encode()),
             "map": None if prior is None else _digest((prior / STATE).read_bytes()),
             "imu": self.imu_digest,
-            "config": self.config.model_dump(mode="json"),
-            "arguments": _OPTIONS.dump_python(_lasting(told), mode="json"),
         }
-
-    def check_unchanged(self, now: dict[str, Any]) -> None:
-        """Raises UserError if this header is not that of the run to be resumed."""
-        if self.resumed is None:
-            return
-        before, after = _compared(self.resumed), _compared(now)
-        for name, value in after.items():
-            if (was := before.get(name)) != value:
-                what = _DIGESTS.get(name) or f"{name} = {json.dumps(was)}, not {json.dumps(value)}"
+        for name, digest in digests.items():
+            if self.resumed is not None and self.resumed.get(name) != digest:
                 again = "give the same again, or start a new run"
-                raise UserError(f"--resume {self.out}: that run used {what}; {again}")
+                raise UserError(f"--resume {self.out}: that run used {_OTHER[name]}; {again}")
+        told = _lasting(replace(self.options, resume=None, view=None, rerun=None))
+        arguments = _OPTIONS.dump_python(told, mode="json")
+        return {**digests, "config": self.config.model_dump(mode="json"), "arguments": arguments}
 
     def _prior_map(self, folder: Path) -> PriorMap:
         if self.out.resolve() == folder.resolve():
@@ -194,13 +193,10 @@ def default_out() -> Path:
     return Path("out") / datetime.now().strftime("%Y-%m-%d_%H-%M-%S")
 
 
-def read_settings(options: RunOptions, resumed: dict[str, Any] | None = None) -> tuple[Config, ExternalOdometry | None]:
-    """The settings that the options give, else those of the run to be resumed, and the odometry of a file if there is
-    one. Raises UserError."""
-    if resumed is None or options.config is not None or options.set:
-        config = load_config(options.config, list(options.set))
-    else:
-        config = Config.model_validate(resumed["config"])
+def read_settings(options: RunOptions, before: dict[str, Any] | None = None) -> tuple[Config, ExternalOdometry | None]:
+    """The settings that the options give, on those `before` of the run to be resumed, and the odometry of a file if
+    there is one. Raises UserError."""
+    config = load_config(options.config, list(options.set)) if before is None else Config.model_validate(before)
     config, odometry = (config, None) if options.odometry is None else choose(options.odometry, config)
     if options.mount is not None:
         config = _with(config, "tracking", mount=options.mount)
@@ -231,7 +227,12 @@ def _resumed(options: RunOptions, folder: Path) -> tuple[RunOptions, dict[str, A
         raise UserError(f"--resume {folder}: another version of sgslam wrote it; start a new run") from None
     if before.live:
         raise UserError(f"--resume {folder}: that run was live, and cannot continue; start a new one")
-    return replace(before, **{**options.changed(), "out": folder}), about
+    now = _lasting(options).changed()
+    for name, value in now.items():
+        if name not in _MAY_CHANGE and value != getattr(before, name):
+            had = f"that run had {name} = {getattr(before, name)}, not {value}"
+            raise UserError(f"--resume {folder}: {had}; leave this option out, or start a new run")
+    return replace(before, **{**now, "out": folder}), about
 
 
 def _lasting(options: RunOptions) -> RunOptions:
@@ -242,13 +243,6 @@ def _lasting(options: RunOptions) -> RunOptions:
     if options.odometry is not None and Path(options.odometry).is_file():
         lasting["odometry"] = str(Path(options.odometry).resolve())
     return replace(options, **lasting)
-
-
-def _compared(header: dict[str, Any]) -> dict[str, Any]:
-    """What two headers have in common if they are of one run."""
-    told = {name: header["arguments"].get(name) for name in ("storey", "start", "topic")}
-    settings = {f"{group}.{name}": own for group, values in header["config"].items() for name, own in values.items()}
-    return {name: header.get(name) for name in _DIGESTS} | told | settings
 
 
 def _scans_digest(scans: ScanSource) -> str:

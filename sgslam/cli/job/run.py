@@ -45,7 +45,6 @@ class Run:
         self._inputs, self._building = inputs, building
         out, options, config, resumed = inputs.out, inputs.options, inputs.config, inputs.resumed
         header = inputs.header(building.bim)
-        inputs.check_unchanged(header)
         self._warnings = log_to(_log, out / "run.log", verbose=options.verbose, append=resumed is not None)
         if resumed is None and (out / STATE).is_file():
             _log.warning("%s holds the results of an earlier run, which are overwritten", out)
