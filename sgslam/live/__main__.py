@@ -20,7 +20,7 @@ def main(arguments: list[str] | None = None) -> int:
         raise UserError(f"--odometry {options.odometry}: live runs take no poses from a file; name an odometry")
     # imported only now, so that --help and a missing argument respond at once
     from sgslam.cli.job.inputs import default_out, read_settings
-    from sgslam.cli.job.scan_loop import interruptible
+    from sgslam.cli.job.run import interruptible
     from sgslam.cli.processes.tracking_side import settle_threads
     from sgslam.live.live_slam import LiveSlam
     from sgslam.live.loop import LiveLoop, PoseLines

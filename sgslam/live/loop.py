@@ -17,8 +17,7 @@ from data.scans import Scan
 from data.streams import Arrival, ScanStream
 from sgslam.cli.options import Triple
 from sgslam.cli.processes.mapping_process import HeldAnchor
-from sgslam.live.answer import Answer, Latencies
-from sgslam.live.live_slam import LiveSlam
+from sgslam.live.live_slam import Answer, Latencies, LiveSlam
 from sgslam.perception.scan_checks import in_metres_and_sensor_frame
 
 _AHEAD = 8  # scans read ahead where they come faster than they are tracked

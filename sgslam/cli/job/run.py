@@ -1,32 +1,44 @@
-"""A run in its output folder: the run over its scans, and the results."""
+"""A run in its output folder: the loop over its scans, which stops cleanly when interrupted, and the results."""
 
+import gc
 import logging
-from collections.abc import Mapping
-from dataclasses import asdict, replace
+import signal
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter, process_time
-from typing import Any
+from types import FrameType
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from data.common.errors import UserError
 from data.common.log_lines import log_to
+from data.imu import ImuSamples
 from data.trajectory import Trajectory
 from sgslam.cli.job.inputs import Building, RunInputs
-from sgslam.cli.job.scan_loop import Progress
 from sgslam.mapping import KeyframeClouds
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.report.accuracy import accuracy
 from sgslam.report.tables import badge
-from sgslam.session import Checkpoints, Result
+from sgslam.session import Checkpoints, Result, Update
 from sgslam.session.checkpoints import FILE as STATE
 from sgslam.session.checkpoints import load
 from sgslam.session.result import save_result
 from sgslam.session.scan_points import FILE as POINTS
 from sgslam.slam import SceneGraphSlam
 
+if TYPE_CHECKING:
+    from sgslam.cli.processes.tracking_side import TrackingSide
+
+Floats = NDArray[np.float64]
+ScanCallback: TypeAlias = Callable[[SceneGraphSlam, Update, Floats], None]
+_SCAN_NS = 200_000_000  # as long as a scan lasts at most, from its stamp on
 _log = logging.getLogger("sgslam")
 _FAR = 10.0  # standard deviations: a truth that is so far off even after alignment is hardly of this drive
 _NOT_JUDGED = (
@@ -34,6 +46,17 @@ _NOT_JUDGED = (
     "settings odometry.other_sigma_rotation and other_sigma_translation; health and quality of this run say little"
 )
 _DATED = 946_684_800_000_000_000  # ns, 2000-01-01 in Unix time; smaller stamps are none
+
+
+@dataclass
+class Progress:
+    """The progress of a run: `index` of the newest scan, the number of scans `fed` to it, the `seconds` spent on
+    reading scans and writing checkpoints, and the `warnings` that it printed."""
+
+    index: int = -1
+    fed: int = 0
+    seconds: dict[str, float] = field(default_factory=lambda: {"reading": 0.0, "checkpoints": 0.0})
+    warnings: list[str] = field(default_factory=list)
 
 
 class Run:
@@ -65,7 +88,7 @@ class Run:
         self.progress.warnings = self._warnings
         self.checkpoints = Checkpoints(out, header)
         if resumed is None:  # replaces the state that an earlier run left in the folder
-            self.checkpoints.write(self.slam, asdict(self.progress))
+            self.checkpoints.write(self.slam, vars(self.progress))
         plan = building.bim.path if building.bim is not None else "none"
         _log.info("%d scans in %s; building: %s", len(inputs.scans), inputs.scans.path, plan)
 
@@ -91,7 +114,7 @@ class Run:
         if stopped is not None:
             hint = f"; {_hint(out)}" if stopped.startswith("interrupted") else ""
             raise UserError(f"{stopped}; the results so far are in {out}{hint}")
-        self.checkpoints.write(self.slam, asdict(self.progress), finished=True)
+        self.checkpoints.write(self.slam, vars(self.progress), finished=True)
         (out / POINTS).unlink(missing_ok=True)
         return metrics
 
@@ -168,3 +191,95 @@ def _accuracy(result: Result, truth: Trajectory, in_one_part: bool) -> dict[str,
         )
         errors.setdefault("note", f"{off} {sigma.value:.3f} m say: does the truth belong to this drive?")
     return errors
+
+
+class Interruption:
+    """True once the user (Ctrl-C) or the system (SIGTERM) has requested the process to end."""
+
+    def __init__(self) -> None:
+        self._requested = False
+
+    def __bool__(self) -> bool:
+        """Whether the end was requested."""
+        return self._requested
+
+    def request(self, number: int, frame: FrameType | None) -> None:
+        """Signal handler. The second request raises KeyboardInterrupt."""
+        if self._requested:
+            raise KeyboardInterrupt
+        self._requested = True
+
+
+@contextmanager
+def interruptible() -> Iterator[Interruption]:
+    """Context that defers SIGINT and SIGTERM, so that no scan is left half processed."""
+    interruption = Interruption()
+    if threading.current_thread() is not threading.main_thread():
+        yield interruption
+        return
+    before = {number: signal.signal(number, interruption.request) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield interruption
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def run_scans(
+    slam: "SceneGraphSlam | TrackingSide",
+    inputs: RunInputs,
+    progress: Progress,
+    checkpoints: Checkpoints,
+    on_scan: Sequence[ScanCallback] = (),
+) -> str | None:
+    """Adds the scans after `progress.index` and updates `progress`; returns the reason if it stops early, else None.
+
+    `on_scan` are called after each scan, where this process builds the map. Raises UserError if not even one scan could
+    be added, and KeyboardInterrupt at the second interrupt.
+    """
+    from rich.console import Console
+    from rich.progress import Progress as Bar
+
+    gc.freeze()  # what is loaded stays: the garbage collector need not scan it
+    console, scans, odometry = Console(stderr=True), inputs.scans, inputs.odometry
+    with interruptible() as interruption, Bar(console=console, disable=not console.is_terminal, transient=True) as bar:
+        task = bar.add_task("scans", total=len(scans))
+        waiting = perf_counter()
+        try:
+            for scan in scans:
+                if scan.index <= progress.index and not interruption:
+                    continue
+                progress.seconds["reading"] += perf_counter() - waiting
+                if interruption:
+                    checkpoints.write(slam, vars(progress))
+                    return f"interrupted after {progress.fed} of {len(scans)} scans"
+                _add_imu(slam, inputs.imu, scan.stamp_ns)
+                T_odom_sensor = scan.T_odom_sensor if odometry is None else odometry.at(scan.stamp_ns)
+                step = scan.step_covariance if odometry is None else None
+                update: Any = slam.add_scan(scan.stamp_ns, scan.points, scan.point_times, T_odom_sensor, step)
+                for watcher in on_scan:
+                    assert isinstance(slam, SceneGraphSlam)
+                    watcher(slam, update, scan.points)
+                progress.index, progress.fed = scan.index, progress.fed + 1
+                bar.update(task, completed=scan.index + 1)
+                began = perf_counter()
+                checkpoints.write_if_due(slam, vars(progress))
+                waiting = perf_counter()
+                progress.seconds["checkpoints"] += waiting - began
+        except UserError as error:
+            if not progress.fed:
+                raise
+            return str(error)
+    checkpoints.write(slam, vars(progress))  # who is interrupted while the map is completed loses no scan
+    return None
+
+
+def _add_imu(slam: "SceneGraphSlam | TrackingSide", imu: ImuSamples | None, stamp_ns: int) -> None:
+    """Adds the samples until the end of a scan that were not added yet."""
+    if imu is None:
+        return
+    newest = slam.newest_imu_ns
+    first = 0 if newest is None else int(np.searchsorted(imu.stamps_ns, newest, side="right"))
+    last = int(np.searchsorted(imu.stamps_ns, stamp_ns + _SCAN_NS, side="right"))
+    if last > first:
+        slam.add_imu(imu.stamps_ns[first:last], imu.gyro[first:last], imu.accel[first:last])

@@ -4,7 +4,6 @@ import logging
 import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict
 from time import perf_counter
 from types import MappingProxyType
 from typing import Any
@@ -83,7 +82,7 @@ class RunMap:
         """Writes a checkpoint, with the states of the tracker and of `Progress` after the scans so far."""
         began = perf_counter()
         self._run.take_progress(progress)
-        self._run.checkpoints.write(self._slam, asdict(self._run.progress), tracking=tracking)
+        self._run.checkpoints.write(self._slam, vars(self._run.progress), tracking=tracking)
         self._checkpoint_s = perf_counter() - began
 
     def finish(

@@ -6,7 +6,6 @@ The results are those of one process, bit by bit.
 import logging
 import sys
 from contextlib import suppress
-from dataclasses import asdict
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
@@ -17,8 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from data.common.errors import UserError
 from sgslam.cli.job.inputs import RunInputs
-from sgslam.cli.job.run import interrupted
-from sgslam.cli.job.scan_loop import Progress, run_scans
+from sgslam.cli.job.run import Progress, interrupted, run_scans
 from sgslam.cli.options import RunOptions
 from sgslam.cli.processes.mapping_process import MappingProcess
 from sgslam.config import Config
@@ -142,7 +140,7 @@ def run_in_two_processes(options: RunOptions, mapping: MappingProcess) -> tuple[
         mapping.kill()
         raise
     try:
-        told = {"skipped": inputs.scans.skipped, "remarks": inputs.scans.remarks, "progress": asdict(progress)}
+        told = {"skipped": inputs.scans.skipped, "remarks": inputs.scans.remarks, "progress": vars(progress)}
         return side.finish(stopped=stopped, **told), inputs.out
     except KeyboardInterrupt:
         mapping.kill()

@@ -22,7 +22,7 @@ from data.trajectory import Trajectory
 from sgslam.cli.processes.run_map import map_start
 from sgslam.cli.processes.tracking_side import LogLines
 from sgslam.live import LiveSlam
-from sgslam.live.answer import Latencies
+from sgslam.live.live_slam import Latencies
 from sgslam.live.loop import read_pose
 from sgslam.slam import SceneGraphSlam
 
