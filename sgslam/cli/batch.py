@@ -8,7 +8,6 @@ import io
 import os
 import shlex
 import sys
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -145,14 +144,6 @@ def _write_summary(path: Path, results: list[dict[str, Any]]) -> tuple[Path, Pat
     return page, table
 
 
-def _progress(jobs: list[Job], options: Any) -> Iterator[Job]:
-    """Runs the jobs, and yields each that has ended."""
-    for job, outcome in completed(run_job, jobs, options.jobs, options.scheduler):
-        if isinstance(outcome, BaseException):  # its worker died, more often than Dask tries again
-            job.note(2, str(outcome) or type(outcome).__name__)
-        yield job
-
-
 def main(arguments: list[str] | None = None) -> int:
     """The command; returns 1 if a job failed, else 3 if one is not what its `--strict` demands. Raises UserError."""
     parser = Parser(
@@ -172,7 +163,9 @@ def main(arguments: list[str] | None = None) -> int:
     jobs = read_jobs(options.list)
     todo = [job for job in jobs if not job.is_done()]
     print(f"{options.list}: {len(jobs)} jobs, {len(todo)} to run", flush=True)
-    for number, job in enumerate(_progress(todo, options), 1):
+    for number, (job, outcome) in enumerate(completed(run_job, todo, options.jobs, options.scheduler), 1):
+        if isinstance(outcome, BaseException):  # its worker died, more often than Dask tries again
+            job.note(2, str(outcome) or type(outcome).__name__)
         result = job.result()
         print(f"{number}/{len(todo)} {job.out}: {result['status']}: {result['reason']}", flush=True)
         _write_summary(options.list, [job.result() for job in jobs if job.record()])

@@ -3,7 +3,6 @@
 import gc
 import logging
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +32,8 @@ def main(arguments: list[str] | None = None) -> int:
     settle_threads()
     logging.getLogger("sgslam").setLevel(logging.INFO)
     with interruptible() as interruption:
-        live = LiveSlam.of(replace(options, out=out), config, given.most_waiting)
+        place: dict[str, Any] = {"storey": options.storey, "start": options.start, "map": options.map}
+        live = LiveSlam(out, options.bim, config=config, **place, most_waiting=given.most_waiting, more=options)
         gc.freeze()  # what is loaded stays: the garbage collector need not scan it
         poses = None if given.source == "-" else PoseLines(sys.stdin)
         loop = LiveLoop(live, stream, sys.stdout, poses, given.idle, lambda: bool(interruption))

@@ -120,7 +120,8 @@ class LiveSlam:
 
     `out` is the folder for the results, `bim` the file of the building. `start` is a rough pose of the sensor in the
     BIM frame, if known: x, y (m) and yaw (rad). `map` is the folder of an earlier run, whose map this one extends. At
-    most `most_waiting` scans wait for the map; then `add_scan` waits too, and nothing is dropped.
+    most `most_waiting` scans wait for the map; then `add_scan` waits too, and nothing is dropped. `more` are other
+    options of `sgslam live`.
 
     The second process imports the main program again: protect its code with `if __name__ == "__main__":`.
     """
@@ -128,33 +129,21 @@ class LiveSlam:
     def __init__(
         self, out: Path | str, bim: Path | str | None = None, *, config: Config | None = None,
         storey: str | None = None, start: tuple[float, float, float] | None = None, map: Path | str | None = None,
-        most_waiting: int = MOST_WAITING,
+        most_waiting: int = MOST_WAITING, more: RunOptions | None = None,
     ) -> None:  # fmt: skip
         """Returns once both processes are ready; the first time after an installation, compilation takes a minute.
         Raises UserError for unusable input."""
-        options = RunOptions(
-            out=Path(out), bim=Path(bim) if bim else None, map=Path(map) if map else None, storey=storey, start=start
-        )
-        self._begin(options, config or Config(), most_waiting)
-
-    @classmethod
-    def of(cls, options: RunOptions, config: Config, most_waiting: int = MOST_WAITING) -> "LiveSlam":
-        """With the options of `sgslam live`, the folder for the results among them. Raises UserError."""
-        live = cls.__new__(cls)
-        live._begin(options, config, most_waiting)
-        return live
-
-    def _begin(self, options: RunOptions, config: Config, most_waiting: int) -> None:
+        out, plan, prior = Path(out), Path(bim) if bim else None, Path(map) if map else None
+        told: dict[str, Any] = {"out": out, "bim": plan, "map": prior, "storey": storey, "start": start}
+        options = replace(more or RunOptions(), **told, single_pass=True, live=True)
+        config = config or Config()
         compile_ahead().wait()
-        options = replace(options, single_pass=True, live=True)
-        assert options.out is not None
-        inputs = RunInputs(options, config, PassedScans(options.out))
         self._T_odom_sensor: Floats = np.eye(4)
         self._health: Health | None = None
         self._latencies = Latencies()
         self._map = MappingProcess(most_waiting, warns=True)
         try:
-            self._map.begin(inputs)
+            self._map.begin(RunInputs(options, config, PassedScans(out)))
             warm_up(config, with_map=False)  # while that process reads the building
             self._map.wait_until_ready()
         except BaseException:
@@ -230,7 +219,7 @@ class LiveSlam:
         is_this = known.part == self._side.tracking.part  # else the map is that of the frame `odom` before
         return Answer(
             stamp_ns, self._T_odom_sensor, known.T_map_odom if is_this else np.eye(4),
-            known.T_bim_map if is_this else None, self._health, (known.anchors or ()) if is_this else (),
+            known.T_bim_map if is_this else None, self._health, known.anchors if is_this else (),
             known.map_stamp_ns, self._side.tracking.part, known.keyframes, self._map.waiting, seconds,
             known.place if is_this else (0.0, 0.0),
         )  # fmt: skip

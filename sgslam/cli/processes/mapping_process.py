@@ -12,7 +12,7 @@ import queue
 import signal
 import threading
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -42,7 +42,7 @@ class HeldAnchor:
 
 @dataclass(frozen=True, eq=False)
 class MapState:
-    """The state of the map after so many `scans`; the names are those of `Answer`. `anchors` None: as before.
+    """The state of the map after so many `scans`; the names are those of `Answer`.
     `checkpoint_s` is how long the last checkpoint took. `failed` says why no more scans are added.
     `place` is the probability of the best place in the plan, and that of the runner-up."""
 
@@ -50,7 +50,7 @@ class MapState:
     part: int = 0
     T_map_odom: Floats = field(default_factory=lambda: np.eye(4))
     T_bim_map: Floats | None = None
-    anchors: tuple[HeldAnchor, ...] | None = ()
+    anchors: tuple[HeldAnchor, ...] = ()
     map_stamp_ns: int | None = None
     keyframes: int = 0
     checkpoint_s: float = 0.0
@@ -78,8 +78,9 @@ class MappingProcess:
         self._outcome: dict[str, Any] | UserError | None = None  # what the process ended with
         self._changed = threading.Condition()
         self._messages: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
-        self._threads = [threading.Thread(target=own, daemon=True) for own in (self._send, self._receive)]
-        self._threads[0].start()
+        self._is_ready = False
+        threading.Thread(target=self._send, daemon=True).start()
+        threading.Thread(target=self._receive, daemon=True).start()
 
     def begin(self, inputs: "RunInputs") -> None:
         """Tells the process what to do."""
@@ -87,15 +88,9 @@ class MappingProcess:
 
     def wait_until_ready(self) -> None:
         """Raises UserError for what is wrong with the inputs."""
-        try:
-            first = self._receiver.recv()
-        except EOFError:
-            self._process.join()
-            raise self._ended() from None
-        if isinstance(first, UserError):
-            self._process.join()
-            raise first
-        self._threads[1].start()
+        with self._changed:
+            self._changed.wait_for(lambda: self._is_ready or self._outcome is not None)
+        self._check()
 
     @property
     def waiting(self) -> int:
@@ -116,11 +111,12 @@ class MappingProcess:
         Raises UserError."""
         self.put("finish", **told)
         self.end()
-        self._threads[1].join()
+        with self._changed:
+            self._changed.wait_for(lambda: self._outcome is not None)
+        self._check()
+        assert isinstance(self._outcome, dict)
         self._process.join()
-        if isinstance(self._outcome, dict):
-            return self._outcome
-        raise self._outcome or self._ended()
+        return self._outcome
 
     def end(self) -> None:
         """Tells the process that nothing comes any more."""
@@ -152,20 +148,16 @@ class MappingProcess:
     def _receive(self) -> None:
         try:
             while isinstance(told := self._receiver.recv(), MapState):
-                anchors = self.state.anchors if told.anchors is None else told.anchors
                 with self._changed:
-                    self.state = replace(told, anchors=anchors)
+                    self.state, self._is_ready = told, True
                     self._changed.notify_all()
         except (EOFError, OSError):
             self._process.join()
-            told = self._ended()
+            ended = f"the process that builds the map ended with exit code {self._process.exitcode}"
+            told = UserError(f"{ended}; too little memory? Start again")
         with self._changed:
             self._outcome = told
             self._changed.notify_all()
-
-    def _ended(self) -> UserError:
-        code = self._process.exitcode
-        return UserError(f"the process that builds the map ended with exit code {code}; too little memory? Start again")
 
 
 def _map_scans(receiver: Connection, sender: Connection) -> None:
@@ -186,7 +178,7 @@ def _map_scans(receiver: Connection, sender: Connection) -> None:
             end_with_parent()
         try:
             mapping = RunMap(inputs)
-            sender.send(None)  # ready
+            sender.send(MapState())  # ready
             sender.send(_results(mapping, receiver, sender, inputs.options.live))
         except UserError as error:
             sender.send(error)

@@ -20,7 +20,6 @@ from sgslam.cli.job.run import Run
 from sgslam.cli.options import Triple
 from sgslam.cli.processes.mapping_process import HeldAnchor, MapState
 from sgslam.session.result import prepare_folder
-from sgslam.slam import SceneGraphSlam
 from sgslam.tracking import TrackerNotes
 from sgslam.types import TrackedScan
 from sgslam.warm_up import warm_up
@@ -41,16 +40,12 @@ class RunMap:
         prepare_folder(inputs.out)
         self._scans, self._matcher = inputs.scans, building.matcher
         self._run = Run(inputs, building, tracks=False)
+        self._slam = self._run.slam
         threading.Thread(target=_prepare_results, args=(building.bim,), daemon=True).start()
         if is_live and (building.bim is not None or building.prior_map is not None):  # matching is not to stall
             make_ready(building.matcher)
         self._mapped, self._checkpoint_s = 0, 0.0
         self._failed: str | None = None
-        self._anchors: tuple[HeldAnchor, ...] = ()
-
-    @property
-    def _slam(self) -> SceneGraphSlam:
-        return self._run.slam
 
     def add(self, scan: TrackedScan, notes: TrackerNotes) -> MapState:
         """Adds a tracked scan, with the tracker's notes then; returns the state of the map."""
@@ -60,13 +55,20 @@ class RunMap:
             except UserError as error:
                 self._failed = str(error)  # the map so far is written all the same
         self._mapped += 1
-        slam, anchors = self._slam, _held(self._slam)
-        changed = anchors != self._anchors
-        self._anchors = anchors
+        slam = self._slam
+        held = [HeldAnchor(f"w{own.wall}", own.a_id, own.state) for own in slam.anchors if own.state != "withdrawn"]
         return MapState(
-            self._mapped, slam.kidnaps, slam.T_map_odom, slam.T_bim_map, anchors if changed else None,
-            slam.newest_mapped_ns, slam.keyframes, self._checkpoint_s, self._failed, slam.place_probabilities,
-        )  # fmt: skip
+            scans=self._mapped,
+            part=slam.kidnaps,
+            T_map_odom=slam.T_map_odom,
+            T_bim_map=slam.T_bim_map,
+            anchors=tuple(held),
+            map_stamp_ns=slam.newest_mapped_ns,
+            keyframes=slam.keyframes,
+            checkpoint_s=self._checkpoint_s,
+            failed=self._failed,
+            place=slam.place_probabilities,
+        )
 
     def set_start(self, pose: Triple) -> None:
         """Takes a pose of the sensor now for the start of matching; what is anchored stays so."""
@@ -121,11 +123,3 @@ def map_start(pose: Triple, T_map_sensor: Floats) -> Triple:
     c, s = np.cos(turned), np.sin(turned)
     along, across = T_map_sensor[:2, 3]
     return x - float(c * along - s * across), y - float(s * along + c * across), turned
-
-
-def _held(slam: SceneGraphSlam) -> tuple[HeldAnchor, ...]:
-    return tuple(
-        HeldAnchor(f"w{record.wall}", record.a_id, record.state)
-        for record in slam.anchors
-        if record.state != "withdrawn"
-    )
