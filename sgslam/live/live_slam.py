@@ -1,6 +1,7 @@
 """Live use from Python: `LiveSlam`, and its answer to each scan."""
 
 import atexit
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from data.geometry.poses import poses_to_xyzquat
 from data.scans.scan import SkippedScan
 from sgslam.cli.job.inputs import PassedScans, RunInputs
-from sgslam.cli.options import MOST_WAITING, RunOptions
+from sgslam.cli.options import MOST_WAITING, RunOptions, Triple
 from sgslam.cli.processes.mapping_process import HeldAnchor, MappingProcess, MapState
 from sgslam.cli.processes.tracking_side import TrackingSide
 from sgslam.config import Config
@@ -75,13 +76,22 @@ class Answer:
         """Plain values for JSON, without the list of anchors; poses as x, y, z, qx, qy, qz, qw."""
         states = [anchor.state for anchor in self.anchors]
         return {
-            "stamp_ns": self.stamp_ns, "health": self.health, "anchored": self.anchored,
-            "T_odom_sensor": _pose(self.T_odom_sensor), "T_map_odom": _pose(self.T_map_odom),
-            "T_bim_sensor": _pose(self.T_bim_sensor), "tight": states.count("tight"), "loose": states.count("loose"),
-            "keyframes": self.keyframes, "part": self.part, "waiting": self.waiting, "map_stamp_ns": self.map_stamp_ns,
-            "place_probability": round(self.place[0], 5), "runner_up": round(self.place[1], 5),
+            "stamp_ns": self.stamp_ns,
+            "health": self.health,
+            "anchored": self.anchored,
+            "T_odom_sensor": _pose(self.T_odom_sensor),
+            "T_map_odom": _pose(self.T_map_odom),
+            "T_bim_sensor": _pose(self.T_bim_sensor),
+            "tight": states.count("tight"),
+            "loose": states.count("loose"),
+            "keyframes": self.keyframes,
+            "part": self.part,
+            "waiting": self.waiting,
+            "map_stamp_ns": self.map_stamp_ns,
+            "place_probability": round(self.place[0], 5),
+            "runner_up": round(self.place[1], 5),
             "seconds": round(self.seconds, 4),
-        }  # fmt: skip
+        }
 
 
 def _pose(T: Floats | None) -> list[float] | None:
@@ -127,10 +137,17 @@ class LiveSlam:
     """
 
     def __init__(
-        self, out: Path | str, bim: Path | str | None = None, *, config: Config | None = None,
-        storey: str | None = None, start: tuple[float, float, float] | None = None, map: Path | str | None = None,
-        most_waiting: int = MOST_WAITING, more: RunOptions | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        out: Path | str,
+        bim: Path | str | None = None,
+        *,
+        config: Config | None = None,
+        storey: str | None = None,
+        start: Triple | None = None,
+        map: Path | str | None = None,
+        most_waiting: int = MOST_WAITING,
+        more: RunOptions | None = None,
+    ) -> None:
         """Returns once both processes are ready; the first time after an installation, compilation takes a minute.
         Raises UserError for unusable input."""
         out, plan, prior = Path(out), Path(bim) if bim else None, Path(map) if map else None
@@ -178,9 +195,11 @@ class LiveSlam:
         self._map.put("set_start", pose=(x, y, yaw))
 
     def finish(
-        self, skipped: list[SkippedScan] | None = None, remarks: list[str] | None = None,
+        self,
+        skipped: Sequence[SkippedScan] = (),
+        remarks: Sequence[str] = (),
         measured: dict[str, Any] | None = None,
-    ) -> dict[str, Any]:  # fmt: skip
+    ) -> dict[str, Any]:
         """Completes the map and writes the results to the folder, as a run does; returns the content of metrics.json.
 
         `skipped` and `remarks` are what the source reports about its scans, `measured` is added to metrics.json. Waits
@@ -189,7 +208,7 @@ class LiveSlam:
         self._is_open = False
         live = {"live": {**self._latencies.to_dict(), **(measured or {})}}
         try:
-            return self._side.finish(skipped=skipped or (), remarks=remarks or (), measured=live)
+            return self._side.finish(skipped=skipped, remarks=remarks, measured=live)
         finally:
             atexit.unregister(self._map.end)
 
@@ -216,10 +235,9 @@ class LiveSlam:
         return scans[-1].T_odom_sensor, scans[-1].health
 
     def _answer(self, stamp_ns: int, known: MapState, seconds: float) -> Answer:
-        is_this = known.part == self._side.tracking.part  # else the map is that of the frame `odom` before
-        return Answer(
-            stamp_ns, self._T_odom_sensor, known.T_map_odom if is_this else np.eye(4),
-            known.T_bim_map if is_this else None, self._health, known.anchors if is_this else (),
-            known.map_stamp_ns, self._side.tracking.part, known.keyframes, self._map.waiting, seconds,
-            known.place if is_this else (0.0, 0.0),
-        )  # fmt: skip
+        part = self._side.tracking.part
+        if known.part != part:  # that map is of the frame `odom` before
+            known = MapState(map_stamp_ns=known.map_stamp_ns, keyframes=known.keyframes)
+        mapped = (known.map_stamp_ns, part, known.keyframes)
+        poses = (self._T_odom_sensor, known.T_map_odom, known.T_bim_map)
+        return Answer(stamp_ns, *poses, self._health, known.anchors, *mapped, self._map.waiting, seconds, known.place)

@@ -5,7 +5,6 @@ import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from time import perf_counter
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -88,10 +87,15 @@ class RunMap:
         self._checkpoint_s = perf_counter() - began
 
     def finish(
-        self, seconds: float = 0.0, cpu_seconds: float = 0.0, skipped: Sequence[SkippedScan] = (),
-        remarks: Sequence[str] = (), stopped: str | None = None, progress: Mapping[str, Any] = MappingProxyType({}),
+        self,
+        seconds: float = 0.0,
+        cpu_seconds: float = 0.0,
+        skipped: Sequence[SkippedScan] = (),
+        remarks: Sequence[str] = (),
+        stopped: str | None = None,
+        progress: Mapping[str, Any] | None = None,
         measured: dict[str, Any] | None = None,
-    ) -> dict[str, Any]:  # fmt: skip
+    ) -> dict[str, Any]:
         """Completes the map and writes the results, as no scan comes any more, for the reason `stopped` where it is not
         the last one; returns the content of metrics.json, to which `measured` is added. Raises UserError.
 
@@ -99,7 +103,7 @@ class RunMap:
         """
         self._scans.skipped, self._scans.remarks = list(skipped), list(remarks)
         self._slam.seconds["odometry"] += seconds
-        self._run.take_progress(progress)
+        self._run.take_progress(progress or {})
         return self._run.finish(stopped or self._failed, measured, cpu_seconds)
 
 

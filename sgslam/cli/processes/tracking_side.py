@@ -52,9 +52,13 @@ class TrackingSide:
         logging.getLogger("sgslam").addHandler(self._lines)
 
     def add_scan(
-        self, stamp_ns: int, points: NDArray[np.floating[Any]], point_times: Floats | None = None,
-        T_odom_sensor: Floats | None = None, step_covariance: Floats | None = None,
-    ) -> list[TrackedScan]:  # fmt: skip
+        self,
+        stamp_ns: int,
+        points: NDArray[np.floating[Any]],
+        point_times: Floats | None = None,
+        T_odom_sensor: Floats | None = None,
+        step_covariance: Floats | None = None,
+    ) -> list[TrackedScan]:
         """See `RunTracker.track`. Raises UserError also where the map cannot go on."""
         began = perf_counter()
         scans = self.tracking.track(stamp_ns, points, point_times, T_odom_sensor, step_covariance)
