@@ -111,7 +111,8 @@ def run_job(job: Job) -> None:
     may_have_children()  # a worker of Dask is a daemon
     begun = job.record()
     is_broken_off = begun and begun.get("code") is None and (job.out / "state.npz").is_file()
-    options = RunOptions(resume=job.out) if is_broken_off else job.options
+    resumed = RunOptions(resume=job.out, strict=job.options.strict)
+    options = resumed if is_broken_off else job.options
     job.note(None)
     try:
         job.note(run_isolated(_run, job.folder, options, job.out, what=f"{job.out}"))
