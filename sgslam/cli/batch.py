@@ -110,9 +110,12 @@ def run_job(job: Job) -> None:
     """Runs a job, or resumes it, in a process of its own that ends with this one; notes in its folder how it ended."""
     may_have_children()  # a worker of Dask is a daemon
     begun = job.record()
-    is_broken_off = begun and begun.get("code") is None and (job.out / "state.npz").is_file()
-    resumed = RunOptions(resume=job.out, strict=job.options.strict)
-    options = resumed if is_broken_off else job.options
+    options = job.options
+    if begun and begun.get("code") is None and (job.out / "state.npz").is_file():
+        from sgslam.session.checkpoints import about_run
+
+        if not about_run(job.out).get("finished"):  # else only the note of its end is missing
+            options = RunOptions(resume=job.out, strict=job.options.strict)
     job.note(None)
     try:
         job.note(run_isolated(_run, job.folder, options, job.out, what=f"{job.out}"))

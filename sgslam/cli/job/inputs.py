@@ -230,9 +230,17 @@ def _resumed(options: RunOptions, folder: Path) -> tuple[RunOptions, dict[str, A
     now = _lasting(options).changed()
     for name, value in now.items():
         if name not in _MAY_CHANGE and value != getattr(before, name):
-            had = f"that run had {name} = {getattr(before, name)}, not {value}"
+            had = f"that run had {_as_given(name, getattr(before, name))}, not {_as_given(name, value)}"
             raise UserError(f"--resume {folder}: {had}; leave this option out, or start a new run")
     return replace(before, **{**now, "out": folder}), about
+
+
+def _as_given(name: str, value: Any) -> str:
+    """An option as the command line gives it."""
+    flag = f"--{name.replace('_', '-')}"
+    if value in (None, (), False):
+        return f"no {flag}"
+    return f"{flag} {' '.join(map(str, value)) if isinstance(value, tuple) else value}"
 
 
 def _lasting(options: RunOptions) -> RunOptions:
