@@ -43,8 +43,8 @@ class Parser(argparse.ArgumentParser):
         return super().parse_known_args(given, namespace)
 
     def error(self, message: str) -> NoReturn:
-        """Prints the error without the usage and exits with 2."""
-        self.exit(2, f"error: {message}; see '{self.prog} --help'\n")
+        """Raises UserError, in one line without the usage."""
+        raise UserError(f"{message}; see '{self.prog} --help'")
 
 
 def add_workers(parser: argparse.ArgumentParser, local: str, help_local: str) -> None:

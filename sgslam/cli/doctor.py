@@ -6,17 +6,17 @@ Each library runs a small self test in a process of its own: a library built for
 exception but kills its process.
 """
 
-import math
+import importlib.metadata as metadata
 import platform
 import signal
 import subprocess
 import sys
 import tempfile
+import tomllib
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, NamedTuple
 
 from data.common.cli import Parser, run_command
 from data.common.processes import cores, environment
@@ -39,16 +39,28 @@ EXTRAS = {
     "docs": "the documentation site",
     "dev": "the tests",
 }
-
+_DRIVE = (
+    "from sgslam import Config; from sgslam.warm_up import warm_up; warm_up(Config(odometry=dict(method='{}')), False)"
+)
+SELF_TESTS = {  # lines of Python that fail where a native library does not work on this machine
+    "gtsam": "import gtsam as g; g.LevenbergMarquardtOptimizer(g.NonlinearFactorGraph(), g.Values()).optimize()",
+    "ifcopenshell": "from data.ifc.self_test import work; work()",
+    "embreex": "from numpy import eye, zeros; from data.geometry.raycast import TriangleScene as Scene; "
+    "Scene(eye(3)[None]).distances(zeros(3), eye(3))",
+    "kiss-icp": _DRIVE.format("kiss"),
+    "small_gicp": _DRIVE.format("small_gicp"),
+    "shapely": "import shapely; shapely.box(0, 0, 1, 2).buffer(1)",
+    "opencv": "import cv2, numpy; cv2.distanceTransform(numpy.ones((3, 3), numpy.uint8), cv2.DIST_L2, 3)",
+    "the matcher's weights": "from matching import Matcher; Matcher.load('learned')",
+}
+_HERE = Path(__file__).resolve().parents[2]
 _CGROUP = Path("/sys/fs/cgroup")  # the limits of a container
-State = Literal["ok", "FAIL", "note"]
 
 
-@dataclass(frozen=True)
-class Finding:
+class Finding(NamedTuple):
     """The outcome of one check; a `note` need not be fixed."""
 
-    state: State
+    state: Literal["ok", "FAIL", "note"]
     what: str
     message: str
 
@@ -66,73 +78,84 @@ def main(arguments: list[str] | None = None) -> int:
 
 def check_installation() -> Iterator[Finding]:
     """Runs all checks, the quick ones first."""
-    from sgslam.cli.installed import extras, own_packages, python_version, requirements
-    from sgslam.cli.self_tests import SELF_TESTS
-
-    yield _finding("Python", python_version())
-    yield _finding("our packages", own_packages())
-    for name, check in requirements():
-        yield _finding(name, check)
-    yield from _machine()
+    python, packages, extras = required()
+    version = platform.python_version()
+    yield _judged("Python", python.contains(version, prereleases=True), f"{version} (required: {python})")
+    yield _own_packages()
+    for requirement in packages:
+        yield check_package(requirement)
+    yield Finding("ok", "processor", f"{cores()} cores available, {platform.machine()}")
+    yield _memory()
     yield _cache()
     with ThreadPoolExecutor(min(4, cores())) as pool:
-        for name, check in zip(SELF_TESTS, pool.map(run_self_test, SELF_TESTS), strict=True):
-            yield _finding(f"{name} self test", check)
-    for name, missing in extras():
-        purpose = EXTRAS[name]
-        hint = f"{purpose}; pip install 'sgslam[{name}]' installs {missing}"
-        yield Finding("note" if missing else "ok", f"extra {name}", hint if missing else f"installed ({purpose})")
+        yield from pool.map(run_self_test, SELF_TESTS)
+    for name, needed in extras.items():
+        missing = ", ".join(own.name for own in needed if check_package(own).state == "FAIL")
+        hint = f"{EXTRAS[name]}; pip install 'sgslam[{name}]' installs {missing}"
+        yield Finding("note" if missing else "ok", f"extra {name}", hint if missing else f"installed ({EXTRAS[name]})")
 
 
-def _finding(what: str, check: tuple[bool, str]) -> Finding:
-    passed, message = check
+def _judged(what: str, passed: bool, message: str) -> Finding:
     return Finding("ok" if passed else "FAIL", what, message)
 
 
-def run_self_test(name: str) -> tuple[bool, str]:
-    """Runs one of SELF_TESTS in a process of its own; returns whether it passed, and a one-line message."""
-    line = [sys.executable, "-c", f"from sgslam.cli.self_tests import SELF_TESTS; SELF_TESTS[{name!r}]()"]
+def required() -> tuple[Any, list[Any], dict[str, list[Any]]]:
+    """The required versions of Python, the requirements, and those of each extra: of pyproject.toml in a source
+    checkout, else of the installed metadata."""
+    from packaging.requirements import Requirement
+    from packaging.specifiers import SpecifierSet
+
+    project = _HERE / "pyproject.toml"
+    if project.is_file():
+        table = tomllib.loads(project.read_text())["project"]
+        extras = {name: [*map(Requirement, own)] for name, own in table["optional-dependencies"].items()}
+        return SpecifierSet(table["requires-python"]), [*map(Requirement, table["dependencies"])], extras
+    own = metadata.distribution("sgslam").metadata
+    needed = [Requirement(text) for text in own.get_all("Requires-Dist") or []]
+    always = [r for r in needed if r.marker is None or r.marker.evaluate({"extra": ""})]
+    names = [name.replace("-", "_") for name in own.get_all("Provides-Extra") or []]  # a build may normalise them
+    extras = {e: [r for r in needed if r.marker and r not in always and r.marker.evaluate({"extra": e})] for e in names}
+    return SpecifierSet(own["Requires-Python"]), always, extras
+
+
+def check_package(requirement: Any) -> Finding:
+    """Whether a required package is there, in a version that is asked for."""
+    hint = f"pip install '{requirement.name}{requirement.specifier}'"
     try:
-        done = subprocess.run(line, env=environment(), capture_output=True, text=True, timeout=LIMIT_S, check=False)
-    except subprocess.TimeoutExpired:
-        return False, f"did not finish within {LIMIT_S:g} s"
-    if done.returncode < 0:
-        name = signal.Signals(-done.returncode).name
-        return False, f"its process was killed by {name}; the library may be built for another processor"
-    if done.returncode:
-        return False, (done.stderr.strip().splitlines() or ["failed without a message"])[-1]
-    return True, "done"
+        version = metadata.version(requirement.name)
+    except metadata.PackageNotFoundError:
+        return Finding("FAIL", requirement.name, f"not installed; {hint}")
+    is_right = requirement.specifier.contains(version, prereleases=True)
+    return _judged(requirement.name, is_right, version if is_right else f"{version} is a wrong version; {hint}")
 
 
-def _machine() -> Iterator[Finding]:
-    yield Finding("ok", "processor", f"{cores()} cores available, {platform.machine()}")
-    yield _memory()
+def _own_packages() -> Finding:
+    """Whether no other distribution provides packages with the names of ours, which are common words."""
+    from data.common.build import PACKAGES
+    from sgslam.own_packages import foreign_package
+
+    problems = [message for name in PACKAGES if (message := foreign_package(name))]
+    provided = metadata.packages_distributions()
+    others = sorted({own for name in PACKAGES for own in provided.get(name, []) if own != "sgslam"})
+    if others:
+        problems.append(f"{', '.join(others)} overwrites files of sgslam; use an environment without it")
+    return _judged("our packages", not problems, "; ".join(problems) or f"{', '.join(PACKAGES)} in {_HERE}")
 
 
 def _memory() -> Finding:
-    """The memory that is available; a note with the reason where it cannot be read."""
+    """The memory that machine and container leave; a note with the reason where it cannot be read."""
+    needs = f"a run needs {ENOUGH_MEMORY_GB:g} GB"
     try:
-        free = min(_free_in_machine_gb(), _free_in_container_gb())
+        fields = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
+        free = int(fields["MemAvailable"].split()[0]) / 1e6
+        limit = _CGROUP / "memory.max"
+        if limit.is_file() and (most := limit.read_text().strip()) != "max":
+            free = min(free, (int(most) - int((_CGROUP / "memory.current").read_text())) / 1e9)
     except (OSError, ValueError, KeyError) as error:
-        why = f"{type(error).__name__}: {error}"
-        return Finding("note", "memory", f"unknown ({why}); a run needs {ENOUGH_MEMORY_GB:g} GB")
-    state: State = "FAIL" if free < LEAST_MEMORY_GB else "note" if free < ENOUGH_MEMORY_GB else "ok"
-    message = f"{free:.1f} GB available"
-    return Finding(state, "memory", message if state == "ok" else f"{message}; a run needs {ENOUGH_MEMORY_GB:g} GB")
-
-
-def _free_in_machine_gb() -> float:
-    """Available memory (GB). Raises OSError, ValueError or KeyError where the system does not give it as Linux does."""
-    fields = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
-    return int(fields["MemAvailable"].split()[0]) / 1e6
-
-
-def _free_in_container_gb() -> float:
-    """What the container may still take (GB), infinite without a limit. Raises OSError or ValueError."""
-    limit = _CGROUP / "memory.max"
-    if not limit.is_file() or (most := limit.read_text().strip()) == "max":
-        return math.inf
-    return (int(most) - int((_CGROUP / "memory.current").read_text())) / 1e9
+        return Finding("note", "memory", f"unknown ({type(error).__name__}: {error}); {needs}")
+    if free >= ENOUGH_MEMORY_GB:
+        return Finding("ok", "memory", f"{free:.1f} GB available")
+    return Finding("FAIL" if free < LEAST_MEMORY_GB else "note", "memory", f"{free:.1f} GB available; {needs}")
 
 
 def _cache() -> Finding:
@@ -147,6 +170,21 @@ def _cache() -> Finding:
         message = f"cannot write to {folder} ({error.strerror}), so every run reads its building again"
         return Finding("note", "cache", f"{message}; set SGSLAM_CACHE_DIR to another folder")
     return Finding("ok", "cache", str(folder))
+
+
+def run_self_test(name: str) -> Finding:
+    """Runs one of SELF_TESTS in a process of its own."""
+    what = f"{name} self test"
+    line = [sys.executable, "-c", SELF_TESTS[name]]
+    try:
+        done = subprocess.run(line, env=environment(), capture_output=True, text=True, timeout=LIMIT_S, check=False)
+    except subprocess.TimeoutExpired:
+        return Finding("FAIL", what, f"did not finish within {LIMIT_S:g} s")
+    if done.returncode < 0:
+        killed = f"its process was killed by {signal.Signals(-done.returncode).name}"
+        return Finding("FAIL", what, f"{killed}; the library may be built for another processor")
+    last = (done.stderr.strip().splitlines() or ["failed without a message"])[-1]
+    return _judged(what, not done.returncode, last if done.returncode else "done")
 
 
 if __name__ == "__main__":

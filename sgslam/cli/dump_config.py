@@ -3,28 +3,24 @@
 from pathlib import Path
 
 from data.common.cli import Parser, run_command
+from sgslam.cli.options import add_options
 
 
 def main(arguments: list[str] | None = None) -> int:
     """The command. Raises UserError for invalid settings."""
     about = "Print all settings with their descriptions, as YAML for --config."
     parser = Parser(prog="python -m sgslam.cli.dump_config", description=about)
-    parser.add_argument("--config", type=Path, metavar="FILE", help="settings as YAML that replace the defaults")
-    parser.add_argument("--set", action="append", default=[], metavar="A.B=C", help="a single setting (repeatable)")
+    add_options(parser, "set", config={"help": "settings as YAML that replace the defaults"})
     parser.add_argument("--markdown", action="store_true", help="print Markdown tables instead of YAML")
     parser.add_argument("--out", type=Path, metavar="FILE", help="output file (default: standard output)")
     options = parser.parse_args(arguments)
     from data.common.files import write_atomically
     from sgslam.config.dump import documented_yaml
     from sgslam.config.loading import load_config
+    from sgslam.config.reference import parameters_page
 
     config = load_config(options.config, options.set)
-    if options.markdown:
-        from sgslam.config.reference import parameters_page
-
-        text = parameters_page(config)
-    else:
-        text = documented_yaml(config)
+    text = parameters_page(config) if options.markdown else documented_yaml(config)
     if options.out is None:
         print(text, end="")
     else:

@@ -4,14 +4,12 @@ Draws the A-graph, lists gaps in the plan and places that look alike, and predic
 localise, for each start room.
 """
 
-from argparse import Namespace
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 from data.common.cli import Parser, run_command
-from data.common.errors import UserError
 from data.common.processes import cores
+from sgslam.cli.options import add_options, bounded
 
 PAGE, VALUES = "inspection.html", "inspection.json"
 
@@ -19,8 +17,6 @@ PAGE, VALUES = "inspection.html", "inspection.json"
 def main(arguments: list[str] | None = None) -> int:
     """The command. Raises UserError."""
     options = _parser().parse_args(arguments)
-    if options.maps < 1 or options.jobs < 1:
-        raise UserError("--maps and --jobs: must be 1 or more")
     from data.common.files import write_atomically, write_json
     from data.plans import load_bim
     from sgslam.inspection import InspectionSettings, inspect
@@ -29,10 +25,12 @@ def main(arguments: list[str] | None = None) -> int:
 
     bim = load_bim(options.bim, layers=options.layer)
     out = prepare_folder(options.out)
+    settings = {"method": options.method, "maps": options.maps, "seed": options.seed}
     with _progress() as update:
-        settings = InspectionSettings(options.method, options.maps, options.seed)
-        found = inspect(bim.graph, bim.notices, settings, options.jobs, update)
-    write_json(out / VALUES, {"file": options.bim.name, **_settings(options), **found.to_dict()})
+        found = inspect(
+            bim.graph, bim.notices, InspectionSettings(options.method, options.maps, options.seed), options.jobs, update
+        )
+    write_json(out / VALUES, {"file": options.bim.name, **settings, **found.to_dict()})
     write_atomically(out / PAGE, inspection_html(found, options.bim.name))
     for line in [*found.notices, *(issue.message for issue in found.issues)]:
         print(f"issue: {line}")
@@ -53,19 +51,15 @@ def main(arguments: list[str] | None = None) -> int:
 def _parser() -> Parser:
     about = "Check a plan: gaps, places that look alike, and the number of rooms needed to localise."
     parser = Parser(prog="python -m sgslam.cli.inspect_bim", description=about)
+    out = {"required": True, "help": f"folder for {PAGE} and {VALUES}"}
+    add_options(parser, "layer", bim={"flag": "bim"}, out=out, seed={"help": "random seed of the maps (default: 0)"})
     add = parser.add_argument
-    add("bim", type=Path, metavar="FILE", help="the building: .ifc, .ifczip, .dxf, .geojson, or an A-graph as .json")
-    add("--out", type=Path, required=True, metavar="DIR", help=f"folder for {PAGE} and {VALUES}")
-    add("--layer", action="append", default=[], metavar="NAME", help="wall layer of a .dxf file (repeatable)")
     add("--method", default="learned", metavar="NAME", help="matching method (default: learned)")
-    add("--maps", type=int, default=21, metavar="N", help="maximum number of maps per set of rooms (default: 21)")
-    add("--seed", type=int, default=0, metavar="N", help="random seed of the maps (default: 0)")
-    add("--jobs", type=int, default=cores(), metavar="N", help="number of processes (default: one per core)")
+    most = "maximum number of maps per set of rooms (default: 21)"
+    add("--maps", type=bounded("--maps", int, 1), default=21, metavar="N", help=most)
+    processes = "number of processes (default: one per core)"
+    add("--jobs", type=bounded("--jobs", int, 1), default=cores(), metavar="N", help=processes)
     return parser
-
-
-def _settings(options: Namespace) -> dict[str, str | int]:
-    return {"method": options.method, "maps": options.maps, "seed": options.seed}
 
 
 @contextmanager

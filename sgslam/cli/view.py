@@ -3,7 +3,6 @@
 from pathlib import Path
 
 from data.common.cli import Parser, run_command
-from sgslam.viewer.page import serve_until_interrupted
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -17,7 +16,7 @@ def main(arguments: list[str] | None = None) -> int:
     # imported only now, so that --help responds at once
     from data.trajectory import Trajectory
     from sgslam.viewer.finished import FinishedRun, FinishedView, stored_truth
-    from sgslam.viewer.page import HOST, PORT, Page, parse_address
+    from sgslam.viewer.page import HOST, PORT, Page, parse_address, serve_until_interrupted
 
     at = (HOST, PORT) if options.at is None else parse_address(options.at)
     truth = None if options.ground_truth is None else Trajectory.read_tum(options.ground_truth)

@@ -1,47 +1,68 @@
 """`python -m sgslam.live SOURCE --bim FILE`: scans as they come, a line of JSON for each. `sgslam live` is the same."""
 
 import gc
+import logging
 import sys
 from pathlib import Path
 from typing import Any
 
-from data.common.cli import run_command
+from data.common.cli import Parser, run_command
 from data.common.errors import UserError
+from sgslam.cli.options import COMMON, MOST_WAITING, RunOptions, add_options, bounded
 
 
 def main(arguments: list[str] | None = None) -> int:
     """The command; returns 0 once the results are written. Raises UserError."""
-    from sgslam.live.options import checked_config, parser
-
-    options = parser().parse_args(arguments)
+    given = _parser().parse_args(arguments)
+    options = RunOptions.of(given)
+    if options.odometry is not None and Path(options.odometry).is_file():
+        raise UserError(f"--odometry {options.odometry}: live runs take no poses from a file; name an odometry")
     # imported only now, so that --help and a missing argument respond at once
-    import logging
-
-    from threadpoolctl import threadpool_limits
-
-    from sgslam.cli.job.scan_loop import interruptible
-    from sgslam.live.commands import PoseLines
+    from sgslam.cli.job.inputs import default_out, read_settings
+    from sgslam.cli.job.run import interruptible
+    from sgslam.cli.processes.tracking_side import settle_threads
     from sgslam.live.live_slam import LiveSlam
-    from sgslam.live.loop import LiveLoop
+    from sgslam.live.loop import LiveLoop, PoseLines
+    from sgslam.session.result import prepare_folder
 
-    config, stream = checked_config(options), _opened(options.source, options.topic)
+    config, _ = read_settings(options)
+    stream = _opened(given.source, options.topic)
     stream.stamped = config.tracking.stamp
-    threadpool_limits(1, user_api="blas")  # a scan is small: more threads would only wait for each other
-    sys.setswitchinterval(1e-4)  # with the default interval the reading thread delays the answers
+    out = prepare_folder(options.out or default_out())
+    settle_threads()
     logging.getLogger("sgslam").setLevel(logging.INFO)
     with interruptible() as interruption:
-        live = LiveSlam.of(options, config, options.most_waiting)
+        place: dict[str, Any] = {"storey": options.storey, "start": options.start, "map": options.map}
+        live = LiveSlam(out, options.bim, config=config, **place, most_waiting=given.most_waiting, more=options)
         gc.freeze()  # what is loaded stays: the garbage collector need not scan it
-        poses = None if options.source == "-" else PoseLines(sys.stdin)
-        loop = LiveLoop(live, stream, sys.stdout, poses, options.idle, lambda: bool(interruption))
-        print(f"ready; results will be in {options.out}", file=sys.stderr)
+        poses = None if given.source == "-" else PoseLines(sys.stdin)
+        loop = LiveLoop(live, stream, sys.stdout, poses, given.idle, lambda: bool(interruption))
+        print(f"ready; results will be in {out}", file=sys.stderr)
         fault = loop.run()
     print(f"{live.waiting} scans still wait for the map; then the results are written", file=sys.stderr)
     metrics = live.finish(stream.skipped, stream.remarks, {"since_arrival": loop.latencies.to_dict()})
-    print(_summary(metrics, options.out), file=sys.stderr)
+    print(_summary(metrics, out), file=sys.stderr)
     if fault is not None:
-        raise UserError(f"{fault}; the results so far are in {options.out}")
+        raise UserError(f"{fault}; the results so far are in {out}")
     return 0
+
+
+def _parser() -> Parser:
+    about = (
+        "Track scans as they arrive and print a line of JSON for each; a second process builds the map and anchors it. "
+        "Lines 'initialpose X Y YAW' on standard input give the sensor's present pose (m, rad), if SOURCE is a folder."
+    )
+    parser = Parser(prog="python -m sgslam.live", description=about)
+    add = parser.add_argument
+    add("source", metavar="SOURCE", help="folder into which scans are written, or - for MCAP records on standard input")
+    odometry = {"metavar": "NAME", "help": "continuous_time (default), kiss or small_gicp"}
+    add_options(parser, *COMMON, odometry=odometry)
+    idle = "end after so many seconds without a scan (default: at Ctrl-C)"
+    add("--idle", type=bounded("--idle", float, 1e-3, " seconds"), metavar="S", help=idle)
+    most = f"maximum number of scans that wait for the map; then tracking waits (default {MOST_WAITING})"
+    waiting = bounded("--most-waiting", int, 1)
+    add("--most-waiting", type=waiting, default=MOST_WAITING, metavar="N", help=most)
+    return parser
 
 
 def _opened(source: str, topic: str | None) -> Any:

@@ -1,8 +1,8 @@
-"""Live use from Python: `LiveSlam`."""
+"""Live use from Python: `LiveSlam`, and its answer to each scan."""
 
 import atexit
-from argparse import Namespace
-from functools import partial
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 from types import TracebackType
@@ -11,20 +11,117 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from data.geometry.poses import poses_to_xyzquat
 from data.scans.scan import SkippedScan
-from sgslam.cli.job.scan_inputs import PassedScans, ScanInputs
-from sgslam.cli.processes.mapping_process import MappingProcess
-from sgslam.cli.processes.messages import MapInputs, MapState
+from sgslam.cli.job.inputs import PassedScans, RunInputs
+from sgslam.cli.options import MOST_WAITING, RunOptions, Triple
+from sgslam.cli.processes.mapping_process import HeldAnchor, MappingProcess, MapState
 from sgslam.cli.processes.tracking_side import TrackingSide
 from sgslam.config import Config
-from sgslam.live.answer import Answer
-from sgslam.live.latencies import Latencies
-from sgslam.run import default_options as run_options
 from sgslam.types import Health, TrackedScan
 from sgslam.warm_up import compile_ahead, warm_up
 
+__all__ = ["Answer", "HeldAnchor", "Latencies", "LiveSlam"]
 Floats = NDArray[np.float64]
-MOST_WAITING = 600  # scans: a minute at 10 Hz; 20,000 points take 0.5 MB
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What is known right after a scan at `stamp_ns`.
+
+    `T_odom_sensor` (4, 4), metres, is the tracker's pose. It never jumps, except in the first seconds: until the
+    vertical is known, `health` is None and the pose is provisional. `health` is good, degraded or lost; a lost pose is
+    a prediction, or, in the first seconds after a loss, in doubt. If the sensor was carried elsewhere while it was
+    lost, `odom` and `map` restart, and `part` increases by one.
+
+    `T_map_odom` (4, 4) is the correction by the map, the plan and loops. It may jump. `T_bim_map` (4, 4) is the pose of
+    the map in the BIM frame, `T_bim_sensor` (4, 4) that of the sensor; None while the map is not anchored. `anchors`
+    are those that hold. All these belong to the map as it was at `map_stamp_ns`, the stamp of the newest scan in it,
+    None before the first.
+
+    `keyframes` is the number of keyframes in the map. `waiting` is the number of scans that are tracked and wait for
+    the map, this one included. `seconds` is the time from the call to the answer. `place` is the probability of the
+    map's best place in the plan when it was last matched, and that of the runner-up.
+    """
+
+    stamp_ns: int
+    T_odom_sensor: Floats
+    T_map_odom: Floats
+    T_bim_map: Floats | None
+    health: Health | None
+    anchors: tuple[HeldAnchor, ...]
+    map_stamp_ns: int | None
+    part: int
+    keyframes: int
+    waiting: int
+    seconds: float
+    place: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def T_map_sensor(self) -> Floats:  # noqa: N802
+        """(4, 4) the sensor's pose in the map."""
+        return np.asarray(self.T_map_odom @ self.T_odom_sensor)
+
+    @property
+    def T_bim_sensor(self) -> Floats | None:  # noqa: N802
+        """(4, 4) the sensor's pose in the BIM frame; None while the map is not anchored."""
+        return None if self.T_bim_map is None else np.asarray(self.T_bim_map @ self.T_map_sensor)
+
+    @property
+    def anchored(self) -> bool:
+        """Whether the map is anchored to the building."""
+        return self.T_bim_map is not None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON, without the list of anchors; poses as x, y, z, qx, qy, qz, qw."""
+        states = [anchor.state for anchor in self.anchors]
+        return {
+            "stamp_ns": self.stamp_ns,
+            "health": self.health,
+            "anchored": self.anchored,
+            "T_odom_sensor": _pose(self.T_odom_sensor),
+            "T_map_odom": _pose(self.T_map_odom),
+            "T_bim_sensor": _pose(self.T_bim_sensor),
+            "tight": states.count("tight"),
+            "loose": states.count("loose"),
+            "keyframes": self.keyframes,
+            "part": self.part,
+            "waiting": self.waiting,
+            "map_stamp_ns": self.map_stamp_ns,
+            "place_probability": round(self.place[0], 5),
+            "runner_up": round(self.place[1], 5),
+            "seconds": round(self.seconds, 4),
+        }
+
+
+def _pose(T: Floats | None) -> list[float] | None:
+    return None if T is None else [round(float(value), 6) for value in poses_to_xyzquat(T[None])[0]]
+
+
+class Latencies:
+    """How long answers took, and the most scans that ever waited."""
+
+    def __init__(self) -> None:
+        self._seconds: list[float] = []
+        self._most_waiting = 0
+
+    def add(self, seconds: float, waiting: int) -> None:
+        """Adds an answer."""
+        self._seconds.append(seconds)
+        self._most_waiting = max(self._most_waiting, waiting)
+
+    @property
+    def answers(self) -> int:
+        """How many there were."""
+        return len(self._seconds)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for metrics.json; the percentiles are None before the first answer."""
+        told: dict[str, Any] = {"answers": self.answers, "p50_ms": None, "p99_ms": None, "longest_ms": 0}
+        if self._seconds:
+            shares = np.quantile(self._seconds, (0.5, 0.99, 1.0), method="inverted_cdf")
+            told |= zip(("p50_ms", "p99_ms", "longest_ms"), np.rint(1000 * shares).astype(int).tolist(), strict=True)
+        return told | {"most_waiting": self._most_waiting}
 
 
 class LiveSlam:
@@ -33,41 +130,37 @@ class LiveSlam:
 
     `out` is the folder for the results, `bim` the file of the building. `start` is a rough pose of the sensor in the
     BIM frame, if known: x, y (m) and yaw (rad). `map` is the folder of an earlier run, whose map this one extends. At
-    most `most_waiting` scans wait for the map; then `add_scan` waits too, and nothing is dropped.
+    most `most_waiting` scans wait for the map; then `add_scan` waits too, and nothing is dropped. `more` are other
+    options of `sgslam live`.
 
     The second process imports the main program again: protect its code with `if __name__ == "__main__":`.
     """
 
     def __init__(
-        self, out: Path | str, bim: Path | str | None = None, *, config: Config | None = None,
-        storey: str | None = None, start: tuple[float, float, float] | None = None, map: Path | str | None = None,
+        self,
+        out: Path | str,
+        bim: Path | str | None = None,
+        *,
+        config: Config | None = None,
+        storey: str | None = None,
+        start: Triple | None = None,
+        map: Path | str | None = None,
         most_waiting: int = MOST_WAITING,
-    ) -> None:  # fmt: skip
+        more: RunOptions | None = None,
+    ) -> None:
         """Returns once both processes are ready; the first time after an installation, compilation takes a minute.
         Raises UserError for unusable input."""
-        config, options = config or Config(), run_options()
-        options.out, options.bim, options.map = Path(out), bim and Path(bim), map and Path(map)
-        options.storey, options.start = storey, start and ",".join([repr(value) for value in start])
-        self._begin(options, config, most_waiting)
-
-    @classmethod
-    def of(cls, options: Namespace, config: Config, most_waiting: int = MOST_WAITING) -> "LiveSlam":
-        """With the options of `sgslam live`. Raises UserError."""
-        live = cls.__new__(cls)
-        live._begin(Namespace(**{**vars(run_options()), **vars(options)}), config, most_waiting)
-        return live
-
-    def _begin(self, options: Namespace, config: Config, most_waiting: int) -> None:
-        """`options` are those of `sgslam run`."""
+        out, plan, prior = Path(out), Path(bim) if bim else None, Path(map) if map else None
+        told: dict[str, Any] = {"out": out, "bim": plan, "map": prior, "storey": storey, "start": start}
+        options = replace(more or RunOptions(), **told, single_pass=True, live=True)
+        config = config or Config()
         compile_ahead().wait()
-        options.single_pass = True
-        scans = ScanInputs(None, config, PassedScans(options.out))
         self._T_odom_sensor: Floats = np.eye(4)
         self._health: Health | None = None
         self._latencies = Latencies()
         self._map = MappingProcess(most_waiting, warns=True)
         try:
-            self._map.begin(MapInputs(options, scans, partial(warm_up, config, with_map=True), outlives=True))
+            self._map.begin(RunInputs(options, config, PassedScans(out)))
             warm_up(config, with_map=False)  # while that process reads the building
             self._map.wait_until_ready()
         except BaseException:
@@ -102,9 +195,11 @@ class LiveSlam:
         self._map.put("set_start", pose=(x, y, yaw))
 
     def finish(
-        self, skipped: list[SkippedScan] | None = None, remarks: list[str] | None = None,
+        self,
+        skipped: Sequence[SkippedScan] = (),
+        remarks: Sequence[str] = (),
         measured: dict[str, Any] | None = None,
-    ) -> dict[str, Any]:  # fmt: skip
+    ) -> dict[str, Any]:
         """Completes the map and writes the results to the folder, as a run does; returns the content of metrics.json.
 
         `skipped` and `remarks` are what the source reports about its scans, `measured` is added to metrics.json. Waits
@@ -113,7 +208,7 @@ class LiveSlam:
         self._is_open = False
         live = {"live": {**self._latencies.to_dict(), **(measured or {})}}
         try:
-            return self._side.finish(skipped=skipped or (), remarks=remarks or (), measured=live)
+            return self._side.finish(skipped=skipped, remarks=remarks, measured=live)
         finally:
             atexit.unregister(self._map.end)
 
@@ -140,10 +235,9 @@ class LiveSlam:
         return scans[-1].T_odom_sensor, scans[-1].health
 
     def _answer(self, stamp_ns: int, known: MapState, seconds: float) -> Answer:
-        is_this = known.part == self._side.tracking.part  # else the map is that of the frame `odom` before
-        return Answer(
-            stamp_ns, self._T_odom_sensor, known.T_map_odom if is_this else np.eye(4),
-            known.T_bim_map if is_this else None, self._health, (known.anchors or ()) if is_this else (),
-            known.map_stamp_ns, self._side.tracking.part, known.keyframes, self._map.waiting, seconds,
-            known.place if is_this else (0.0, 0.0),
-        )  # fmt: skip
+        part = self._side.tracking.part
+        if known.part != part:  # that map is of the frame `odom` before
+            known = MapState(map_stamp_ns=known.map_stamp_ns, keyframes=known.keyframes)
+        mapped = (known.map_stamp_ns, part, known.keyframes)
+        poses = (self._T_odom_sensor, known.T_map_odom, known.T_bim_map)
+        return Answer(stamp_ns, *poses, self._health, known.anchors, *mapped, self._map.waiting, seconds, known.place)

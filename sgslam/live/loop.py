@@ -1,44 +1,84 @@
-"""The loop of `sgslam live`: takes scans as they come and writes a line for each."""
+"""The loop of `sgslam live`: takes scans as they come and writes a line for each; lines on standard input change it."""
 
 import contextlib
 import json
+import math
 import os
 import queue
+import signal
+import sys
 import threading
+from collections import deque
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any, TextIO
 
 from data.common.errors import UserError
 from data.scans import Scan
 from data.streams import Arrival, ScanStream
-from sgslam.cli.processes.messages import HeldAnchor
-from sgslam.live.answer import Answer
-from sgslam.live.commands import PoseLines
-from sgslam.live.latencies import Latencies
-from sgslam.live.live_slam import LiveSlam
+from sgslam.cli.options import Triple
+from sgslam.cli.processes.mapping_process import HeldAnchor
+from sgslam.live.live_slam import Answer, Latencies, LiveSlam
 from sgslam.perception.scan_checks import in_metres_and_sensor_frame
 
 _AHEAD = 8  # scans read ahead where they come faster than they are tracked
+_FORM = "initialpose X Y YAW (m, m, rad)"
 _LOOK = 0.1  # s between two looks whether the end was asked for
 
 
+def read_pose(line: str) -> Triple | None:
+    """The pose that a line gives; None where it has another form."""
+    name, *words = line.split() or [""]
+    if name != "initialpose" or len(words) != 3:
+        return None
+    try:
+        x, y, yaw = (float(word) for word in words)
+    except ValueError:
+        return None
+    return (x, y, yaw) if all(map(math.isfinite, (x, y, yaw))) else None
+
+
+class PoseLines:
+    """Reads poses from lines, in a thread of its own. A line of another form is reported on standard error."""
+
+    def __init__(self, lines: TextIO) -> None:
+        self._newest: deque[Triple] = deque(maxlen=1)
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTTIN, signal.SIG_IGN)  # a job in the background reads nothing, and is not stopped
+        threading.Thread(target=self._read, args=(lines,), daemon=True).start()
+
+    def newest(self) -> Triple | None:
+        """The newest pose since the last call; None if there is none."""
+        return self._newest.pop() if self._newest else None
+
+    def _read(self, lines: TextIO) -> None:
+        with contextlib.suppress(OSError, ValueError):  # no standard input
+            for line in lines:
+                pose = read_pose(line)
+                if pose is not None:
+                    self._newest.append(pose)
+                elif line.strip():
+                    print(f"not understood: '{line.strip()}'; write {_FORM}", file=sys.stderr)
+
+
+@dataclass
 class LiveLoop:
     """Adds the scans of a stream until it ends, none has come for `idle` seconds, or `is_over` says so.
 
     `latencies` are those from a scan's arrival to its line.
     """
 
-    def __init__(
-        self, live: LiveSlam, stream: ScanStream, out: TextIO, poses: PoseLines | None, idle: float | None,
-        is_over: Callable[[], bool],
-    ) -> None:  # fmt: skip
-        self._live, self._stream, self._out, self._poses = live, stream, out, poses
-        self._idle, self._is_over = idle, is_over
-        self._anchors: tuple[HeldAnchor, ...] = ()
-        self._told_skipped = 0
-        self._came_s = 0.0
-        self.latencies = Latencies()
+    live: LiveSlam
+    stream: ScanStream
+    out: TextIO
+    poses: PoseLines | None
+    idle: float | None
+    is_over: Callable[[], bool]
+    latencies: Latencies = field(default_factory=Latencies)
+    _anchors: tuple[HeldAnchor, ...] = ()
+    _told_skipped: int = 0
+    _came_s: float = 0.0
 
     def run(self) -> str | None:
         """Returns the reason if the source ended it by a fault, after some scans. Raises UserError before the first."""
@@ -46,23 +86,23 @@ class LiveLoop:
             for scan in in_metres_and_sensor_frame(self._scans()):
                 self._add(scan)
         except BrokenPipeError:  # no one reads the lines any more
-            os.dup2(os.open(os.devnull, os.O_WRONLY), self._out.fileno())  # else Python complains at its end
+            os.dup2(os.open(os.devnull, os.O_WRONLY), self.out.fileno())  # else Python complains at its end
         except UserError as error:
             if not self.latencies.answers:
                 raise
             return str(error)
         finally:
-            self._stream.stop.set()
+            self.stream.stop.set()
         return None
 
     def _add(self, scan: Scan) -> None:
-        pose = None if self._poses is None else self._poses.newest()
+        pose = None if self.poses is None else self.poses.newest()
         if pose is not None:
-            self._live.set_start(*pose)
-        answer = self._live.add_scan(scan.stamp_ns, scan.points, scan.point_times)
+            self.live.set_start(*pose)
+        answer = self.live.add_scan(scan.stamp_ns, scan.points, scan.point_times)
         line = self._line(scan, answer)
         self.latencies.add(perf_counter() - self._came_s, answer.waiting)
-        print(json.dumps(line), file=self._out, flush=True)
+        print(json.dumps(line), file=self.out, flush=True)
 
     def _line(self, scan: Scan, answer: Answer) -> dict[str, Any]:
         """With the anchors where they have changed, and scans that were skipped."""
@@ -71,7 +111,7 @@ class LiveLoop:
         if answer.anchors != self._anchors:
             self._anchors = answer.anchors
             line["anchors"] = [{"wall": a.wall, "a_id": a.a_id, "state": a.state} for a in answer.anchors]
-        if new := self._stream.skipped[self._told_skipped :]:
+        if new := self.stream.skipped[self._told_skipped :]:
             self._told_skipped += len(new)
             line["skipped"] = [{"scan": skipped.name, "reason": skipped.reason} for skipped in new]
         return line
@@ -79,9 +119,9 @@ class LiveLoop:
     def _scans(self) -> Iterator[Scan]:
         """The scans, read by another thread."""
         arrivals: queue.Queue[Arrival | Exception | None] = queue.Queue(_AHEAD)
-        threading.Thread(target=_read, args=(self._stream, arrivals), daemon=True).start()
+        threading.Thread(target=_read, args=(self.stream, arrivals), daemon=True).start()
         last_s = perf_counter()
-        while not self._is_over():
+        while not self.is_over():
             with contextlib.suppress(queue.Empty):
                 arrival = arrivals.get(timeout=_LOOK)
                 if arrival is None:
@@ -92,7 +132,7 @@ class LiveLoop:
                 yield arrival.scan
                 last_s = perf_counter()
                 continue
-            if self._idle is not None and perf_counter() - last_s > self._idle:
+            if self.idle is not None and perf_counter() - last_s > self.idle:
                 return
 
 

@@ -4,11 +4,12 @@ OUTPUT is a file of poses (TUM, KITTI's poses, EuRoC's CSV), KISS-SLAM's folder 
 graph of S-Graphs (`.g2o`).
 """
 
-import argparse
-from pathlib import Path
+from dataclasses import replace
 
 from data.common.cli import Parser, run_command
 from data.common.errors import UserError
+from sgslam.cli.execute import execute
+from sgslam.cli.options import ANCHORING, RunOptions, add_options
 
 _GRAPH = ".g2o"
 # a finished trajectory is taken as it is, also where its poses are metres apart
@@ -20,38 +21,22 @@ _EACH_A_KEYFRAME = "keyframes.scans=1"  # each scan made of a map shows a part o
 def main(arguments: list[str] | None = None) -> int:
     """The command; returns 0 when done, even if nothing could be anchored, and 3 if that is not enough for `--strict`.
     Raises UserError."""
-    options = _parser().parse_args(arguments)
-    if not options.slam_output.exists():
-        raise UserError(f"{options.slam_output}: no such file or folder; give the output of a SLAM system")
-    if options.bim is None:
-        raise UserError("--bim is missing; give the plan to which the poses are to be anchored")
-    if options.slam_output.suffix.lower() == _GRAPH and options.scan_dir is None:
-        from sgslam.other_slam.plane_graph import anchor_file
-
-        return anchor_file(options)
-    from sgslam.run import execute
-
-    settings = [_POSES_AS_GIVEN]
-    settings.append(_EACH_A_KEYFRAME if options.scan_dir is None else _REGISTERED)
-    options.set = [*settings, *options.set]
-    return execute(options)
-
-
-def _parser() -> argparse.ArgumentParser:
-    from sgslam.run import add_options
-
     about = "Anchor the finished output of another SLAM system to a building's plan (--bim, required)."
     parser = Parser(prog="python -m sgslam.other_slam.anchor", description=about)
-    add = parser.add_argument
-    add("slam_output", type=Path, metavar="OUTPUT",
-        help="poses (TUM, KITTI, EuRoC), a folder of KISS-SLAM or GLIM, or a .g2o file")  # fmt: skip
-    add("--scans", dest="scan_dir", type=Path, metavar="DIR", help="scans, or one cloud per pose: a folder or a bag")
-    add("--cloud", type=Path, metavar="FILE", help="map in the poses' frame, instead of scans: .ply, .pcd, .las, ...")
-    add("--times", type=Path, metavar="FILE", help="stamps of the KITTI poses, in seconds, one per line")
-    add("--single-pass", action="store_true", default=None, help="do not register the scans a second time")
-    add_options(parser)
-    parser.set_defaults(odometry=None, imu=None, imu_topic=None, resume=None, demo=False, seed=0)
-    return parser
+    scans = {"flag": "--scans", "help": "scans, or one cloud per pose: a folder or a bag"}
+    add_options(parser, *ANCHORING, "cloud", "times", slam_output={"flag": "slam_output"}, scan_dir=scans)
+    given = parser.parse_args(arguments)
+    if not given.slam_output.exists():
+        raise UserError(f"{given.slam_output}: no such file or folder; give the output of a SLAM system")
+    if given.bim is None:
+        raise UserError("--bim is missing; give the plan to which the poses are to be anchored")
+    if given.slam_output.suffix.lower() == _GRAPH and given.scan_dir is None:
+        from sgslam.other_slam.plane_graph import anchor_file
+
+        return anchor_file(given)
+    options = RunOptions.of(given)
+    settings = (_POSES_AS_GIVEN, _EACH_A_KEYFRAME if options.scan_dir is None else _REGISTERED)
+    return execute(replace(options, set=(*settings, *options.set)))
 
 
 if __name__ == "__main__":

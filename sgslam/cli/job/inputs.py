@@ -1,28 +1,51 @@
-"""The inputs of a run, read and checked."""
+"""The inputs of a run, opened from the files that its options name, and checked."""
 
-import argparse
-from dataclasses import dataclass
+import hashlib
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
 
+from pydantic import TypeAdapter, ValidationError
+
 from data.common.errors import UserError
+from data.imu import ImuSamples, read_imu
 from data.plans import Bim, load_bim
-from data.scans import ScanSource
-from data.scene_graph import SceneGraph
+from data.scans import Scan, ScanSource
+from data.scans.evalio import is_evalio
+from data.scans.sources import open_scans
+from data.scene_graph import Floor, SceneGraph
 from data.trajectory import Trajectory
 from sgslam.anchoring import check_storey
-from sgslam.cli.job.arguments import Start, read_start
-from sgslam.cli.job.scan_inputs import ScanInputs
+from sgslam.cli.options import RunOptions, Triple
 from sgslam.config import Config
+from sgslam.config.loading import load_config
+from sgslam.odometry.external import ExternalOdometry
+from sgslam.odometry.factory import choose
+from sgslam.perception.scan_checks import in_metres_and_sensor_frame
 from sgslam.report import associate
 from sgslam.session import PriorMap
+from sgslam.session.checkpoints import FILE as STATE
+from sgslam.session.checkpoints import about_run
+from sgslam.session.result import prepare_folder
 from sgslam.warm_up import compile_ahead
+
+_OPTIONS = TypeAdapter(RunOptions)
+_OTHER = {"scans": "other scans", "building": "another building", "map": "another map", "imu": "other IMU samples"}
+# with --resume: files, which may have been moved and are compared by content, and what is shown and told
+_MAY_CHANGE = (
+    *("scan_dir", "slam_output", "cloud", "times", "imu", "bim", "map", "ground_truth"),
+    *("out", "resume", "view", "rerun", "strict", "verbose"),
+)
 
 
 class MatcherWithStart:
     """A matcher with a rough initial pose of the map, `start`: x, y, yaw, in the order of `--start`; None: unknown."""
 
-    def __init__(self, matcher: Any, start: Start | None) -> None:
+    def __init__(self, matcher: Any, start: Triple | None) -> None:
         self._matcher, self.start = matcher, start
 
     def match(self, s: SceneGraph, a: SceneGraph) -> Any:
@@ -32,75 +55,224 @@ class MatcherWithStart:
         return self._matcher.match(s, a, start=(yaw, x, y))
 
 
+class PassedScans(ScanSource):
+    """Stands for the scans of a source that another process reads; `path` is that of the source."""
+
+    def __init__(self, path: Path, count: int = 0) -> None:
+        super().__init__()
+        self.path, self._count = path, count
+
+    def __len__(self) -> int:
+        return self._count
+
+    def _jobs(self) -> Iterator[Callable[[], Scan]]:
+        return iter(())
+
+
 @dataclass(frozen=True, eq=False)
-class Job:
-    """The inputs of a run.
+class Building:
+    """What a run is compared with: the plan, the map of an earlier run and the true poses, None without one, and the
+    matcher. `began` and `cpu_began` are the readings of the wall clock and of the CPU clock (s) at the start of the
+    run, `seconds` is the time that reading the plan took."""
 
-    `prior_map` is None if there is none. `began` and `cpu_began` are the readings of the wall clock and of the CPU
-    clock (s) at the start; `bim_seconds` is the time that reading the building took.
-    """
-
-    options: argparse.Namespace
-    scan_inputs: ScanInputs
-    start: Start | None
-    matcher: MatcherWithStart
+    bim: Bim | None
     prior_map: PriorMap | None
     truth: Trajectory | None
-    bim: Bim | None
+    matcher: MatcherWithStart
     began: float
     cpu_began: float
-    bim_seconds: float
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class RunInputs:
+    """What a run needs of its files. `options` name the folder for the results too.
+
+    `odometry`, of a file, and `imu` are None without one, and where another process tracks; `imu_digest` identifies
+    the samples. `resumed` is the header of the state of the run to be resumed, None of a new one.
+    """
+
+    options: RunOptions
+    config: Config
+    scans: ScanSource
+    odometry: ExternalOdometry | None = None
+    imu: ImuSamples | None = None
+    imu_digest: str | None = None
+    resumed: dict[str, Any] | None = None
+
+    @staticmethod
+    def read(options: RunOptions) -> "RunInputs":
+        """Opens all that tracking needs; what the options lack is taken from the run to be resumed, or made for the
+        demo. Raises UserError."""
+        resumed = None
+        if options.resume is not None:
+            options, resumed = _resumed(options, options.resume)
+        config, odometry = read_settings(options, resumed and resumed["config"])
+        options = replace(options, out=options.out or default_out())
+        if options.demo:
+            options = _demo(options)
+        scans = _open_scans(options, config)
+        if config.tracking.stamp == "auto":
+            config = _with(config, "tracking", stamp=scans.stamped)
+        next(in_metres_and_sensor_frame(scans), None)  # wrong ones are refused before the output folder is touched
+        if not scans.is_dense:  # too far apart to be registered
+            config = _with(config, "odometry", given="exact")
+        imu = None if options.imu is None else read_imu(options.imu, options.imu_topic)
+        if odometry is not None and scans.stamps_ns is not None:
+            odometry.check(scans.stamps_ns)
+        return RunInputs(options, config, scans, odometry, imu, None if imu is None else imu.digest(), resumed)
 
     @property
-    def config(self) -> Config:
-        """The settings."""
-        return self.scan_inputs.config
+    def out(self) -> Path:
+        """The folder for the results."""
+        assert self.options.out is not None
+        return self.options.out
 
-    @property
-    def scans(self) -> ScanSource:
-        """The scans, or what stands for them."""
-        return self.scan_inputs.scans
+    def passed(self) -> "RunInputs":
+        """What a process is told that does not read the scans."""
+        scans = PassedScans(self.scans.path, len(self.scans))
+        for name in ("note", "stamps_ns", "given", "stamped", "is_dense"):
+            setattr(scans, name, getattr(self.scans, name))
+        return replace(self, scans=scans, odometry=None, imu=None)
 
-    @property
-    def a_graph(self) -> SceneGraph | None:
-        """The building's A-graph; None without a building."""
-        return None if self.bim is None else self.bim.graph
+    def read_building(self) -> Building:
+        """Opens what the map is built and compared with; a plan that is missing is that of the prior map. Raises
+        UserError."""
+        options, config, scans = self.options, self.config, self.scans
+        matcher = _matcher(config.matching.method)
+        prior = None if options.map is None else self._prior_map(options.map)
+        plan = options.bim
+        if plan is None and (options.storey is not None or options.start is not None):
+            raise UserError("--storey and --start refer to a building; give --bim too")
+        if plan is None and prior is not None and prior.T_bim_map is not None and options.map is not None:
+            anchored_to = options.map / "a_graph.json"
+            plan = anchored_to if anchored_to.is_file() else None
+        truth = None if options.ground_truth is None else Trajectory.read_tum(options.ground_truth)
+        stamps = scans.stamps_ns  # None for a bag, whose stamps are known only after reading it
+        if truth is not None and stamps is not None and not len(associate(stamps, truth.stamps_ns)[0]):
+            raise UserError(
+                f"{options.ground_truth}: no stamp is close to a scan's; the truth must use the scans' clock"
+            )
+        began, cpu_began = perf_counter(), process_time()
+        bim = None if plan is None else load_bim(plan, layers=options.layer)
+        seconds = perf_counter() - began
+        if bim is not None:
+            check_storey(bim.graph, options.storey)
+        read, spent = perf_counter() - began, process_time() - cpu_began
+        if not isinstance(scans, PassedScans):  # else the process that passes them has compiled
+            compile_ahead().wait()  # not counted in the run's time
+        began, cpu_began = perf_counter() - read, process_time() - spent
+        return Building(bim, prior, truth, MatcherWithStart(matcher, options.start), began, cpu_began, seconds)
+
+    def header(self, bim: Bim | None) -> dict[str, Any]:
+        """What a state says of its run, in JSON form: digests of what it reads, its settings and its options. Raises
+        UserError if the digests are not those of the run to be resumed."""
+        prior = self.options.map
+        digests = {
+            "scans": _scans_digest(self.scans),
+            "building": None if bim is None else _digest(json.dumps(bim.graph.to_dict(), sort_keys=True).encode()),
+            "map": None if prior is None else _digest((prior / STATE).read_bytes()),
+            "imu": self.imu_digest,
+        }
+        for name, digest in digests.items():
+            if self.resumed is not None and self.resumed.get(name) != digest:
+                again = "give the same again, or start a new run"
+                raise UserError(f"--resume {self.out}: that run used {_OTHER[name]}; {again}")
+        told = _lasting(replace(self.options, resume=None, view=None, rerun=None))
+        arguments = _OPTIONS.dump_python(told, mode="json")
+        return {**digests, "config": self.config.model_dump(mode="json"), "arguments": arguments}
+
+    def _prior_map(self, folder: Path) -> PriorMap:
+        if self.out.resolve() == folder.resolve():
+            raise UserError(f"--map {folder}: is also the --out folder; give another --out")
+        return PriorMap.load(folder, self.config)
 
 
-def read_job(options: argparse.Namespace, scan_inputs: ScanInputs) -> Job:
-    """Reads all other inputs that the options name; missing ones are taken from the prior map. Raises UserError."""
-    config, scans = scan_inputs.config, scan_inputs.scans
-    start = None if options.start is None else read_start(options.start)
-    matcher = _matcher(config.matching.method)
-    prior = None if options.map is None else _prior_map(options, config)
-    if options.bim is None and (options.storey is not None or options.start is not None):
-        raise UserError("--storey and --start refer to a building; give --bim too")
-    truth = None if options.ground_truth is None else Trajectory.read_tum(options.ground_truth)
-    stamps = scans.stamps_ns  # None for a bag, whose stamps are known only after reading it
-    if truth is not None and stamps is not None and not len(associate(stamps, truth.stamps_ns)[0]):
-        raise UserError(f"{options.ground_truth}: no stamp is close to a scan's; the truth must use the scans' clock")
-    began, cpu_began = perf_counter(), process_time()
-    bim = None if options.bim is None else load_bim(options.bim, layers=options.layer)
-    seconds = perf_counter() - began
-    if bim is not None:
-        check_storey(bim.graph, options.storey)
-    read, spent = perf_counter() - began, process_time() - cpu_began
-    if not scan_inputs.is_passed:  # else the process that passes them has compiled
-        compile_ahead().wait()  # not counted in the run's time
-    began, cpu_began = perf_counter() - read, process_time() - spent
-    return Job(
-        options, scan_inputs, start, MatcherWithStart(matcher, start), prior, truth, bim, began, cpu_began, seconds
-    )
+def default_out() -> Path:
+    """The folder for the results of a run that begins now."""
+    return Path("out") / datetime.now().strftime("%Y-%m-%d_%H-%M-%S")
 
 
-def _prior_map(options: argparse.Namespace, config: Config) -> PriorMap:
-    if options.out is not None and options.out.resolve() == options.map.resolve():
-        raise UserError(f"--map {options.map}: is also the --out folder; give another --out")
-    prior = PriorMap.load(options.map, config)
-    plan = options.map / "a_graph.json"
-    if options.bim is None and prior.T_bim_map is not None and plan.is_file():
-        options.bim = plan  # the building that the map is anchored to
-    return prior
+def read_settings(options: RunOptions, before: dict[str, Any] | None = None) -> tuple[Config, ExternalOdometry | None]:
+    """The settings that the options give, on those `before` of the run to be resumed, and the odometry of a file if
+    there is one. Raises UserError."""
+    config = load_config(options.config, list(options.set)) if before is None else Config.model_validate(before)
+    config, odometry = (config, None) if options.odometry is None else choose(options.odometry, config)
+    if options.mount is not None:
+        config = _with(config, "tracking", mount=options.mount)
+    if options.stamp is not None:
+        config = _with(config, "tracking", stamp=options.stamp)
+    if options.tolerance is not None:
+        config = _with(config, "as_built", tolerance=options.tolerance)
+    return config, odometry
+
+
+def _with(config: Config, group: str, **settings: Any) -> Config:
+    return config.model_copy(update={group: getattr(config, group).model_copy(update=settings)})
+
+
+def _resumed(options: RunOptions, folder: Path) -> tuple[RunOptions, dict[str, Any]]:
+    """The options of the run in the folder, with those that are given now instead, and the header of its state.
+
+    Raises UserError if there is no such run, if it is finished, and for options that conflict with `--resume`.
+    """
+    if options.demo or options.out not in (None, folder):
+        raise UserError(f"--resume {folder}: continues in that folder; leave out --demo and --out")
+    about = about_run(folder)
+    if about.get("finished"):
+        raise UserError(f"--resume {folder}: that run is finished; its results are in the folder")
+    try:
+        before = _OPTIONS.validate_python(about["arguments"])
+    except (KeyError, ValidationError):
+        raise UserError(f"--resume {folder}: another version of sgslam wrote it; start a new run") from None
+    if before.live:
+        raise UserError(f"--resume {folder}: that run was live, and cannot continue; start a new one")
+    now = _lasting(options).changed()
+    for name, value in now.items():
+        if name not in _MAY_CHANGE and value != getattr(before, name):
+            had = f"that run had {_as_given(name, getattr(before, name))}, not {_as_given(name, value)}"
+            raise UserError(f"--resume {folder}: {had}; leave this option out, or start a new run")
+    return replace(before, **{**now, "out": folder}), about
+
+
+def _as_given(name: str, value: Any) -> str:
+    """An option as the command line gives it."""
+    flag = f"--{name.replace('_', '-')}"
+    if value in (None, (), False):
+        return f"no {flag}"
+    return f"{flag} {' '.join(map(str, value)) if isinstance(value, tuple) else value}"
+
+
+def _lasting(options: RunOptions) -> RunOptions:
+    """With paths that hold in any folder; a data set's sequence is no path."""
+    lasting: dict[str, Any] = {
+        name: own.resolve() for name, own in vars(options).items() if isinstance(own, Path) and not is_evalio(own)
+    }
+    if options.odometry is not None and Path(options.odometry).is_file():
+        lasting["odometry"] = str(Path(options.odometry).resolve())
+    return replace(options, **lasting)
+
+
+def _scans_digest(scans: ScanSource) -> str:
+    """Of the stamps and of the files' names and sizes."""
+    stamps = [len(scans)] if scans.stamps_ns is None else scans.stamps_ns.tolist()
+    files = sorted(scans.path.iterdir()) if scans.path.is_dir() else [scans.path]
+    return _digest(json.dumps([stamps, [(own.name, own.stat().st_size) for own in files if own.is_file()]]).encode())
+
+
+def _digest(raw: bytes) -> str:
+    return hashlib.sha256(raw).hexdigest()
+
+
+def _open_scans(options: RunOptions, config: Config) -> ScanSource:
+    if options.slam_output is not None:
+        from data.slam_output import open_slam_output
+
+        more = (options.cloud, options.times, config.tracking.stamp)
+        return open_slam_output(options.slam_output, options.scan_dir, options.topic, *more)
+    if options.scan_dir is None:
+        raise UserError("--scan-dir is missing; give the folder that holds the scans, or --demo")
+    return open_scans(options.scan_dir, options.topic, config.tracking.stamp)
 
 
 def _matcher(method: str) -> Any:
@@ -110,3 +282,30 @@ def _matcher(method: str) -> Any:
         return Matcher.load(method)
     except UserError as error:
         raise UserError(f"setting matching.method: {error}") from None
+
+
+def _demo(options: RunOptions) -> RunOptions:
+    """Writes a building and a simulated drive through it to the output folder; returns the options of a run on them.
+
+    Raises UserError for an unknown storey, for other scans, and if the folder contains a demo already.
+    """
+    from data.generation.demo_building import DEMO_STOREYS, write_demo_building
+    from data.simulation.simulate import simulate
+
+    if options.scan_dir is not None or options.bim is not None:
+        raise UserError("--demo brings its own scans and building; leave out --scan-dir and --bim")
+    assert options.out is not None
+    out = prepare_folder(options.out)
+    bim, drive = out / "demo_building.ifc", out / "demo_drive"
+    if drive.exists():
+        raise UserError(f"{out}: contains a demo already; give another --out")
+    floors = tuple(Floor(name, name) for name in DEMO_STOREYS)
+    check_storey(SceneGraph("bim", floors=floors), options.storey)  # before anything is written
+    print(f"demo: writing a building with two storeys to {bim}")
+    write_demo_building(bim)
+    names = " and ".join(f"'{name}'" for name in DEMO_STOREYS)
+    print(f"demo: simulating a LiDAR drive through {names} in {drive}")
+    compile_ahead()  # meanwhile
+    simulate(bim, DEMO_STOREYS, drive, seed=options.seed, min_rooms=4, min_length=30.0)
+    print("demo: running SLAM on the scans and the building")
+    return replace(options, demo=False, bim=bim, scan_dir=drive / "scans", ground_truth=drive / "truth.tum")

@@ -1,34 +1,44 @@
-"""A job in its output folder: the run over its scans, and the results."""
+"""A run in its output folder: the loop over its scans, which stops cleanly when interrupted, and the results."""
 
+import gc
 import logging
-from collections.abc import Mapping
-from dataclasses import replace
+import signal
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter, process_time
-from typing import Any
+from types import FrameType
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from data.common.errors import UserError
 from data.common.log_lines import log_to
+from data.imu import ImuSamples
 from data.trajectory import Trajectory
-from sgslam.cli.job.fingerprint import check_unchanged, run_fingerprint
-from sgslam.cli.job.inputs import Job
-from sgslam.cli.job.resume_arguments import run_arguments
-from sgslam.cli.job.scan_loop import Progress
+from sgslam.cli.job.inputs import Building, RunInputs
 from sgslam.mapping import KeyframeClouds
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.report.accuracy import accuracy
 from sgslam.report.tables import badge
-from sgslam.session import Checkpoints, Result
+from sgslam.session import Checkpoints, Result, Update
 from sgslam.session.checkpoints import FILE as STATE
 from sgslam.session.checkpoints import load
 from sgslam.session.result import save_result
 from sgslam.session.scan_points import FILE as POINTS
 from sgslam.slam import SceneGraphSlam
 
+if TYPE_CHECKING:
+    from sgslam.cli.processes.tracking_side import TrackingSide
+
+Floats = NDArray[np.float64]
+ScanCallback: TypeAlias = Callable[[SceneGraphSlam, Update, Floats], None]
+_SCAN_NS = 200_000_000  # as long as a scan lasts at most, from its stamp on
 _log = logging.getLogger("sgslam")
 _FAR = 10.0  # standard deviations: a truth that is so far off even after alignment is hardly of this drive
 _NOT_JUDGED = (
@@ -38,41 +48,49 @@ _NOT_JUDGED = (
 _DATED = 946_684_800_000_000_000  # ns, 2000-01-01 in Unix time; smaller stamps are none
 
 
-class Run:
-    """A job in its output folder: the SLAM system, its progress and its checkpoints."""
+@dataclass
+class Progress:
+    """The progress of a run: `index` of the newest scan, the number of scans `fed` to it, the `seconds` spent on
+    reading scans and writing checkpoints, and the `warnings` that it printed."""
 
-    def __init__(self, job: Job, out: Path, tracks: bool = True) -> None:
+    index: int = -1
+    fed: int = 0
+    seconds: dict[str, float] = field(default_factory=lambda: {"reading": 0.0, "checkpoints": 0.0})
+    warnings: list[str] = field(default_factory=list)
+
+
+class Run:
+    """A run in its output folder: the SLAM system, its progress and its checkpoints."""
+
+    def __init__(self, inputs: RunInputs, building: Building, tracks: bool = True) -> None:
         """`tracks`: not where another process does. Raises UserError if the inputs differ from those of the run to be
         resumed."""
-        self._job, self._out, options, resumed = job, out, job.options, job.scan_inputs.resumed_from
-        self._hints = {"storey": options.storey, "start": job.start}
-        told = {**self._hints, "topic": options.topic, "imu": job.scan_inputs.imu_digest}
-        inputs = run_fingerprint(job.scans, job.a_graph, job.config, told, options.map)
-        if resumed is not None:
-            check_unchanged(out, resumed, inputs)
+        self._inputs, self._building = inputs, building
+        out, options, config, resumed = inputs.out, inputs.options, inputs.config, inputs.resumed
+        header = inputs.header(building.bim)
         self._warnings = log_to(_log, out / "run.log", verbose=options.verbose, append=resumed is not None)
         if resumed is None and (out / STATE).is_file():
             _log.warning("%s holds the results of an earlier run, which are overwritten", out)
-        is_judged = job.config.odometry.method == "continuous_time" or job.config.odometry.given == "measured"
-        note = None if is_judged else _NOT_JUDGED.format(job.config.odometry.method)
-        for notice in [job.scans.note, note, *(job.bim.notices if job.bim is not None else ())]:
+        is_judged = config.odometry.method == "continuous_time" or config.odometry.given == "measured"
+        note = None if is_judged else _NOT_JUDGED.format(config.odometry.method)
+        for notice in [inputs.scans.note, note, *(building.bim.notices if building.bim is not None else ())]:
             if notice:
                 _log.warning("%s", notice)
-        voxel = job.config.clouds.keyframe_voxel
+        voxel = config.clouds.keyframe_voxel
         if resumed is None:
             clouds = KeyframeClouds(out / CLOUDS, voxel)
         else:
             clouds = KeyframeClouds.open(out / CLOUDS, resumed["keyframes"], voxel)
-        self.slam = SceneGraphSlam(
-            job.bim, job.matcher, job.config, clouds=clouds, prior=job.prior_map, storey=options.storey
-        )  # fmt: skip
+        more: dict[str, Any] = {"clouds": clouds, "prior": building.prior_map, "storey": options.storey}
+        self.slam = SceneGraphSlam(building.bim, building.matcher, config, **more)
         self.progress = Progress() if resumed is None else Progress(**load(out, self.slam, tracks))
         self._warnings[:0] = self.progress.warnings  # those before the interruption come first
         self.progress.warnings = self._warnings
-        self.checkpoints = Checkpoints(out, {**inputs, "arguments": run_arguments(options)})
+        self.checkpoints = Checkpoints(out, header)
         if resumed is None:  # replaces the state that an earlier run left in the folder
-            self.checkpoints.write(self.slam, self.progress.to_dict())
-        _log.info("%d scans in %s; building: %s", len(job.scans), job.scans.path, options.bim or "none")
+            self.checkpoints.write(self.slam, vars(self.progress))
+        plan = building.bim.path if building.bim is not None else "none"
+        _log.info("%d scans in %s; building: %s", len(inputs.scans), inputs.scans.path, plan)
 
     def take_progress(self, progress: Mapping[str, Any]) -> None:
         """Takes the progress of the process that tracks; the warnings come here anyway."""
@@ -80,59 +98,75 @@ class Run:
 
     def finish(
         self, stopped: str | None, measured: dict[str, Any] | None = None, cpu_elsewhere: float = 0.0
-    ) -> dict[str, Any]:  # fmt: skip
+    ) -> dict[str, Any]:
         """Writes the results to the folder; returns the content of metrics.json, to which `measured` is added, and the
         CPU seconds of the process that tracked. Raises UserError, after writing, if the run stopped early, for the
         reason `stopped`."""
-        job, out = self._job, self._out
-        for skipped in job.scans.skipped:
+        scans, out, options = self._inputs.scans, self._inputs.out, self._inputs.options
+        for skipped in scans.skipped:
             _log.warning("%s: skipped, %s", skipped.name, skipped.reason)
-        for remark in job.scans.remarks:
+        for remark in scans.remarks:
             _log.warning("%s", remark)
-        result = self._result(is_last=stopped is not None or job.options.single_pass or not job.scans.is_dense)
-        more = {
-            "scans_skipped": len(job.scans.skipped),
-            **self._numbers(result, stopped, cpu_elsewhere),
-            **(measured or {}),
-        }
-        metrics = save_result(result, out, truth=job.truth, more=more)
+        result = self._result(is_last=stopped is not None or options.single_pass or not scans.is_dense)
+        numbers = self._numbers(result, stopped, cpu_elsewhere)
+        metrics = save_result(result, out, truth=self._building.truth, more={**numbers, **(measured or {})})
         _log.info("%s: %s", badge(metrics), result.reason)
         if stopped is not None:
             hint = f"; {_hint(out)}" if stopped.startswith("interrupted") else ""
             raise UserError(f"{stopped}; the results so far are in {out}{hint}")
-        self.checkpoints.write(self.slam, self.progress.to_dict(), finished=True)
+        self.checkpoints.write(self.slam, vars(self.progress), finished=True)
         (out / POINTS).unlink(missing_ok=True)
         return metrics
 
     def _result(self, is_last: bool) -> Result:
         """The result, after a second pass unless the first one `is_last`."""
-        job = self._job
         try:
             result = self.slam.finish(second_pass=not is_last)
         except KeyboardInterrupt:
             if is_last:
                 raise
-            raise interrupted(self._out) from None
+            raise interrupted(self._inputs.out) from None
         if not is_last and result.trajectory_live is None:
             _log.info("no second pass: runs in several parts, with --map or with --imu have none")
-        return replace(result, given=job.scans.given)
+        return replace(result, given=self._inputs.scans.given)
 
     def _numbers(self, result: Result, stopped: str | None, cpu_elsewhere: float) -> dict[str, Any]:
         """What metrics.json has beyond the result's own: times, what the user stated, warnings, errors, the header."""
-        job = self._job
-        total, cpu_seconds = perf_counter() - job.began, process_time() - job.cpu_began
+        inputs, building = self._inputs, self._building
+        total, cpu_seconds = perf_counter() - building.began, process_time() - building.cpu_began
         for kind, count in result.factors.counts().items():
             _log.info("factors, %s: %s", kind, ", ".join(f"{number} {what}" for what, number in count.items()))
+        options = inputs.options
+        told = {"storey": options.storey, "start": options.start, "mount": inputs.config.tracking.mount}
         numbers: dict[str, Any] = {
-            "seconds": {**result.seconds, "bim": job.bim_seconds, **self.progress.seconds, "total": total},
+            "scans_skipped": len(inputs.scans.skipped),
+            "seconds": {**result.seconds, "bim": building.seconds, **self.progress.seconds, "total": total},
             "cpu_seconds": cpu_seconds + cpu_elsewhere,  # of all threads
-            "told": {**self._hints, "mount": job.config.tracking.mount},
+            "told": told,
             "advice": list(dict.fromkeys([*self._warnings, *result.advice, *([stopped] if stopped else [])])),
-            "about": _about(job, result),
+            "about": self._about(result),
         }
-        if job.truth is not None:
-            numbers["accuracy"] = _accuracy(result, job.truth, in_one_part=not self.slam.kidnaps)
+        if building.truth is not None:
+            numbers["accuracy"] = _accuracy(result, building.truth, in_one_part=not self.slam.kidnaps)
         return numbers
+
+    def _about(self, result: Result) -> dict[str, str]:
+        """What the report's head says of the run, in its order."""
+        bim, config = self._building.bim, result.config
+        first = int(result.trajectory_map.stamps_ns[0]) if len(result.trajectory_map) else 0
+        about = {
+            "Building": bim.path.name if bim is not None and bim.path is not None else "",
+            "Scans": self._inputs.scans.path.name,
+            # otherwise the clock of the scans counts from another instant
+            "Measured": datetime.fromtimestamp(first / 1e9, UTC).strftime("%Y-%m-%d %H:%M UTC")
+            if first >= _DATED
+            else "",
+            "Tolerance": f"{1000 * config.as_built.tolerance:g} mm" if result.anchored else "",
+            "Stamps": f"{config.tracking.stamp} of a scan",
+            "Odometry": config.odometry.method,
+            "Version": f"sgslam {version('sgslam')}",
+        }
+        return {name: text for name, text in about.items() if text}
 
 
 def interrupted(out: Path) -> UserError:
@@ -144,19 +178,6 @@ def _hint(out: Path) -> str:
     return f"'python -m sgslam.run --resume {out}' continues"
 
 
-def _about(job: Job, result: Result) -> dict[str, str]:
-    """What the report's head says of the run, in its order."""
-    first = int(result.trajectory_map.stamps_ns[0]) if len(result.trajectory_map) else 0
-    about = {"Building": job.options.bim.name if job.bim is not None else "", "Scans": job.scans.path.name}
-    if first >= _DATED:  # else the clock of the scans counts from another instant
-        about["Measured"] = datetime.fromtimestamp(first / 1e9, UTC).strftime("%Y-%m-%d %H:%M UTC")
-    about["Tolerance"] = f"{1000 * result.config.as_built.tolerance:g} mm" if result.anchored else ""
-    about["Stamps"] = f"{result.config.tracking.stamp} of a scan"
-    about["Odometry"] = job.config.odometry.method
-    about["Version"] = f"sgslam {version('sgslam')}"
-    return {name: text for name, text in about.items() if text}
-
-
 def _accuracy(result: Result, truth: Trajectory, in_one_part: bool) -> dict[str, Any]:
     told = result.uncertainty
     known = np.array([health != "lost" for health in told.health])
@@ -165,8 +186,100 @@ def _accuracy(result: Result, truth: Trajectory, in_one_part: bool) -> dict[str,
     errors = accuracy(in_bim, in_one_frame, result.trajectory_odometry if in_one_part else None, truth)
     aligned, sigma = errors["rmse_map_aligned_m"], result.quality.get("position_sigma_m")
     if aligned is not None and sigma is not None and aligned > _FAR * sigma.value:
-        errors.setdefault(
-            "note", f"aligned to the truth, the trajectory is off by {aligned:.2f} m, far more than its standard "
-            f"deviations of {sigma.value:.3f} m say: does the truth belong to this drive?",
-        )  # fmt: skip
+        off = (
+            f"aligned to the truth, the trajectory is off by {aligned:.2f} m, far more than its standard deviations of"
+        )
+        errors.setdefault("note", f"{off} {sigma.value:.3f} m say: does the truth belong to this drive?")
     return errors
+
+
+class Interruption:
+    """True once the user (Ctrl-C) or the system (SIGTERM) has requested the process to end."""
+
+    def __init__(self) -> None:
+        self._requested = False
+
+    def __bool__(self) -> bool:
+        """Whether the end was requested."""
+        return self._requested
+
+    def request(self, number: int, frame: FrameType | None) -> None:
+        """Signal handler. The second request raises KeyboardInterrupt."""
+        if self._requested:
+            raise KeyboardInterrupt
+        self._requested = True
+
+
+@contextmanager
+def interruptible() -> Iterator[Interruption]:
+    """Context that defers SIGINT and SIGTERM, so that no scan is left half processed."""
+    interruption = Interruption()
+    if threading.current_thread() is not threading.main_thread():
+        yield interruption
+        return
+    before = {number: signal.signal(number, interruption.request) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield interruption
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def run_scans(
+    slam: "SceneGraphSlam | TrackingSide",
+    inputs: RunInputs,
+    progress: Progress,
+    checkpoints: Checkpoints,
+    on_scan: Sequence[ScanCallback] = (),
+) -> str | None:
+    """Adds the scans after `progress.index` and updates `progress`; returns the reason if it stops early, else None.
+
+    `on_scan` are called after each scan, where this process builds the map. Raises UserError if not even one scan could
+    be added, and KeyboardInterrupt at the second interrupt.
+    """
+    from rich.console import Console
+    from rich.progress import Progress as Bar
+
+    gc.freeze()  # what is loaded stays: the garbage collector need not scan it
+    console, scans, odometry = Console(stderr=True), inputs.scans, inputs.odometry
+    with interruptible() as interruption, Bar(console=console, disable=not console.is_terminal, transient=True) as bar:
+        task = bar.add_task("scans", total=len(scans))
+        waiting = perf_counter()
+        try:
+            for scan in scans:
+                if scan.index <= progress.index and not interruption:
+                    continue
+                progress.seconds["reading"] += perf_counter() - waiting
+                if interruption:
+                    checkpoints.write(slam, vars(progress))
+                    return f"interrupted after {progress.fed} of {len(scans)} scans"
+                _add_imu(slam, inputs.imu, scan.stamp_ns)
+                T_odom_sensor = scan.T_odom_sensor if odometry is None else odometry.at(scan.stamp_ns)
+                step = scan.step_covariance if odometry is None else None
+                update: Any = slam.add_scan(scan.stamp_ns, scan.points, scan.point_times, T_odom_sensor, step)
+                for watcher in on_scan:
+                    assert isinstance(slam, SceneGraphSlam)
+                    watcher(slam, update, scan.points)
+                progress.index, progress.fed = scan.index, progress.fed + 1
+                bar.update(task, completed=scan.index + 1)
+                began = perf_counter()
+                checkpoints.write_if_due(slam, vars(progress))
+                waiting = perf_counter()
+                progress.seconds["checkpoints"] += waiting - began
+        except UserError as error:
+            if not progress.fed:
+                raise
+            return str(error)
+    checkpoints.write(slam, vars(progress))  # who is interrupted while the map is completed loses no scan
+    return None
+
+
+def _add_imu(slam: "SceneGraphSlam | TrackingSide", imu: ImuSamples | None, stamp_ns: int) -> None:
+    """Adds the samples until the end of a scan that were not added yet."""
+    if imu is None:
+        return
+    newest = slam.newest_imu_ns
+    first = 0 if newest is None else int(np.searchsorted(imu.stamps_ns, newest, side="right"))
+    last = int(np.searchsorted(imu.stamps_ns, stamp_ns + _SCAN_NS, side="right"))
+    if last > first:
+        slam.add_imu(imu.stamps_ns[first:last], imu.gyro[first:last], imu.accel[first:last])

@@ -5,7 +5,6 @@ import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from time import perf_counter
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -15,13 +14,14 @@ from data.common.errors import UserError
 from data.plans.bim import IFC_SUFFIXES, Bim
 from data.scans.scan import SkippedScan
 from matching.matcher import make_ready
-from sgslam.cli.job.arguments import out_folder
-from sgslam.cli.job.inputs import read_job
+from sgslam.cli.job.inputs import RunInputs
 from sgslam.cli.job.run import Run
-from sgslam.cli.processes.messages import HeldAnchor, MapInputs, MapState, Pose2
-from sgslam.slam import SceneGraphSlam
+from sgslam.cli.options import Triple
+from sgslam.cli.processes.mapping_process import HeldAnchor, MapState
+from sgslam.session.result import prepare_folder
 from sgslam.tracking import TrackerNotes
 from sgslam.types import TrackedScan
+from sgslam.warm_up import warm_up
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -30,23 +30,21 @@ _log = logging.getLogger(__name__)
 class RunMap:
     """The map of a run whose scans another process reads and tracks."""
 
-    def __init__(self, inputs: MapInputs) -> None:
+    def __init__(self, inputs: RunInputs) -> None:
         """Raises UserError for what is wrong with the inputs."""
-        if inputs.prepare is not None:
-            inputs.prepare()
-        self._scans = inputs.scans.scans
-        job = read_job(inputs.options, inputs.scans)
-        self._run, self._matcher = Run(job, out_folder(inputs.options), tracks=False), job.matcher
-        threading.Thread(target=_prepare_results, args=(job.bim,), daemon=True).start()
-        if inputs.outlives and (job.bim is not None or job.prior_map is not None):  # live: matching is not to stall
-            make_ready(job.matcher)
+        is_live = inputs.options.live
+        if is_live:
+            warm_up(inputs.config, with_map=True)
+        building = inputs.read_building()
+        prepare_folder(inputs.out)
+        self._scans, self._matcher = inputs.scans, building.matcher
+        self._run = Run(inputs, building, tracks=False)
+        self._slam = self._run.slam
+        threading.Thread(target=_prepare_results, args=(building.bim,), daemon=True).start()
+        if is_live and (building.bim is not None or building.prior_map is not None):  # matching is not to stall
+            make_ready(building.matcher)
         self._mapped, self._checkpoint_s = 0, 0.0
         self._failed: str | None = None
-        self._anchors: tuple[HeldAnchor, ...] = ()
-
-    @property
-    def _slam(self) -> SceneGraphSlam:
-        return self._run.slam
 
     def add(self, scan: TrackedScan, notes: TrackerNotes) -> MapState:
         """Adds a tracked scan, with the tracker's notes then; returns the state of the map."""
@@ -56,15 +54,22 @@ class RunMap:
             except UserError as error:
                 self._failed = str(error)  # the map so far is written all the same
         self._mapped += 1
-        slam, anchors = self._slam, _held(self._slam)
-        changed = anchors != self._anchors
-        self._anchors = anchors
+        slam = self._slam
+        held = [HeldAnchor(f"w{own.wall}", own.a_id, own.state) for own in slam.anchors if own.state != "withdrawn"]
         return MapState(
-            self._mapped, slam.kidnaps, slam.T_map_odom, slam.T_bim_map, anchors if changed else None,
-            slam.newest_mapped_ns, slam.keyframes, self._checkpoint_s, self._failed, slam.place_probabilities,
-        )  # fmt: skip
+            scans=self._mapped,
+            part=slam.kidnaps,
+            T_map_odom=slam.T_map_odom,
+            T_bim_map=slam.T_bim_map,
+            anchors=tuple(held),
+            map_stamp_ns=slam.newest_mapped_ns,
+            keyframes=slam.keyframes,
+            checkpoint_s=self._checkpoint_s,
+            failed=self._failed,
+            place=slam.place_probabilities,
+        )
 
-    def set_start(self, pose: Pose2) -> None:
+    def set_start(self, pose: Triple) -> None:
         """Takes a pose of the sensor now for the start of matching; what is anchored stays so."""
         now = self._slam.T_map_sensor
         self._matcher.start = pose if now is None else map_start(pose, now)
@@ -78,14 +83,19 @@ class RunMap:
         """Writes a checkpoint, with the states of the tracker and of `Progress` after the scans so far."""
         began = perf_counter()
         self._run.take_progress(progress)
-        self._run.checkpoints.write(self._slam, self._run.progress.to_dict(), tracking=tracking)
+        self._run.checkpoints.write(self._slam, vars(self._run.progress), tracking=tracking)
         self._checkpoint_s = perf_counter() - began
 
     def finish(
-        self, seconds: float = 0.0, cpu_seconds: float = 0.0, skipped: Sequence[SkippedScan] = (),
-        remarks: Sequence[str] = (), stopped: str | None = None, progress: Mapping[str, Any] = MappingProxyType({}),
+        self,
+        seconds: float = 0.0,
+        cpu_seconds: float = 0.0,
+        skipped: Sequence[SkippedScan] = (),
+        remarks: Sequence[str] = (),
+        stopped: str | None = None,
+        progress: Mapping[str, Any] | None = None,
         measured: dict[str, Any] | None = None,
-    ) -> dict[str, Any]:  # fmt: skip
+    ) -> dict[str, Any]:
         """Completes the map and writes the results, as no scan comes any more, for the reason `stopped` where it is not
         the last one; returns the content of metrics.json, to which `measured` is added. Raises UserError.
 
@@ -93,7 +103,7 @@ class RunMap:
         """
         self._scans.skipped, self._scans.remarks = list(skipped), list(remarks)
         self._slam.seconds["odometry"] += seconds
-        self._run.take_progress(progress)
+        self._run.take_progress(progress or {})
         return self._run.finish(stopped or self._failed, measured, cpu_seconds)
 
 
@@ -110,18 +120,10 @@ def _prepare_results(bim: Bim | None) -> None:
             planned_elements(bim.path)
 
 
-def map_start(pose: Pose2, T_map_sensor: Floats) -> Pose2:
+def map_start(pose: Triple, T_map_sensor: Floats) -> Triple:
     """x, y, yaw of the map's origin in the BIM frame, for a sensor at `pose` there and at (4, 4) in the map."""
     x, y, yaw = pose
     turned = yaw - float(np.arctan2(T_map_sensor[1, 0], T_map_sensor[0, 0]))
     c, s = np.cos(turned), np.sin(turned)
     along, across = T_map_sensor[:2, 3]
     return x - float(c * along - s * across), y - float(s * along + c * across), turned
-
-
-def _held(slam: SceneGraphSlam) -> tuple[HeldAnchor, ...]:
-    return tuple(
-        HeldAnchor(f"w{record.wall}", record.a_id, record.state)
-        for record in slam.anchors
-        if record.state != "withdrawn"
-    )

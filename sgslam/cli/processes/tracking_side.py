@@ -1,19 +1,30 @@
-"""The side of the process that tracks: scans in, tracked ones to the process that maps."""
+"""The side of the process that tracks: scans in, tracked ones to the process that maps.
+
+The results are those of one process, bit by bit.
+"""
 
 import logging
+import sys
 from contextlib import suppress
+from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from data.common.errors import UserError
+from sgslam.cli.job.inputs import RunInputs
+from sgslam.cli.job.run import Progress, interrupted, run_scans
+from sgslam.cli.options import RunOptions
 from sgslam.cli.processes.mapping_process import MappingProcess
 from sgslam.config import Config
 from sgslam.session import Checkpoints
+from sgslam.session.checkpoints import load
 from sgslam.tracking import RunTracker
 from sgslam.types import TrackedScan
+from sgslam.warm_up import compile_ahead
 
 Floats = NDArray[np.float64]
 
@@ -41,9 +52,13 @@ class TrackingSide:
         logging.getLogger("sgslam").addHandler(self._lines)
 
     def add_scan(
-        self, stamp_ns: int, points: NDArray[np.floating[Any]], point_times: Floats | None = None,
-        T_odom_sensor: Floats | None = None, step_covariance: Floats | None = None,
-    ) -> list[TrackedScan]:  # fmt: skip
+        self,
+        stamp_ns: int,
+        points: NDArray[np.floating[Any]],
+        point_times: Floats | None = None,
+        T_odom_sensor: Floats | None = None,
+        step_covariance: Floats | None = None,
+    ) -> list[TrackedScan]:
         """See `RunTracker.track`. Raises UserError also where the map cannot go on."""
         began = perf_counter()
         scans = self.tracking.track(stamp_ns, points, point_times, T_odom_sensor, step_covariance)
@@ -102,3 +117,37 @@ class SentCheckpoints(Checkpoints):
         self._written = perf_counter()
         self._took = max(self._written - began, slam.mapping.state.checkpoint_s)
         return True
+
+
+def settle_threads() -> None:
+    """Before a run: threads of this process are not to wait for each other."""
+    threadpool_limits(1, user_api="blas")  # a scan is small: more threads would only wait for each other
+    sys.setswitchinterval(1e-4)  # with the default interval the reading thread slows the run down
+
+
+def run_in_two_processes(options: RunOptions, mapping: MappingProcess) -> tuple[dict[str, Any], Path]:
+    """Reads and tracks the scans here, while the `mapping` process builds the map; returns the content of metrics.json
+    and the folder.
+
+    Raises UserError, and KeyboardInterrupt at the second interrupt.
+    """
+    try:
+        inputs = RunInputs.read(options)
+        compile_ahead().wait()
+        mapping.begin(inputs.passed())
+        mapping.wait_until_ready()
+        logging.getLogger("sgslam").setLevel(logging.INFO)  # that process decides what is printed
+        side = TrackingSide(inputs.config, mapping)
+        progress = Progress() if inputs.resumed is None else Progress(**load(inputs.out, side))
+        stopped = run_scans(side, inputs, progress, SentCheckpoints(inputs.out, {}))
+    except BaseException:
+        mapping.kill()
+        raise
+    try:
+        told = {"skipped": inputs.scans.skipped, "remarks": inputs.scans.remarks, "progress": vars(progress)}
+        return side.finish(stopped=stopped, **told), inputs.out
+    except KeyboardInterrupt:
+        mapping.kill()
+        if stopped is not None:
+            raise
+        raise interrupted(inputs.out) from None

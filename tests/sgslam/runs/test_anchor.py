@@ -15,7 +15,7 @@ from small_ifc import write_small_ifc
 from data.geometry.poses import xyzquat_to_poses
 from data.scans.ply import write_ply
 from data.trajectory import Trajectory
-from sgslam.cli.job.scan_loop import Interruption
+from sgslam.cli.job.run import Interruption
 
 pytestmark = pytest.mark.slow
 COMMAND = "sgslam.other_slam.anchor"

@@ -9,7 +9,8 @@ from boxes import pose, room, scan, scene_of
 from commands import called
 
 from data.common.errors import UserError
-from sgslam.cli.batch_jobs import RECORD, read_jobs
+from sgslam.cli.batch import RECORD, read_jobs
+from sgslam.cli.options import RunOptions
 
 
 @pytest.mark.parametrize(
@@ -19,7 +20,8 @@ from sgslam.cli.batch_jobs import RECORD, read_jobs
         ("scans,building\na,b\n", "unknown column 'building'"),
         ("scans,plan\n,b.ifc\n", "line 2: scans are missing"),
         ("\ufeffscans,plan\na,b,c\n", "line 2: more values than columns; put flags that have commas in quotes"),
-        ("scans,flags\na,--start '1\n", "line 2: flags: no closing quotation"),
+        ("scans,flags\na,--start '1\n", "line 2: flags: No closing quotation"),
+        ("scans,flags\na,--fast\n", "line 2: flags: .*--fast"),
         ("scans\ndrive/scans\nother/scans\n", "line 3: .*scans is the folder of an earlier job too"),
     ],
 )
@@ -34,9 +36,9 @@ def test_paths_are_relative_to_the_list(tmp_path: Path) -> None:
         "scans, plan, out, flags\na/scans, b.ifc, c, --set 'odometry.method=kiss'\nd,,,\n"
     )
     first, second = read_jobs(tmp_path / "jobs.csv")
-    flags = ("--set", "odometry.method=kiss")
-    assert first.arguments == ("--scan-dir", "a/scans", "--bim", "b.ifc", "--out", str(tmp_path / "c"), *flags)
-    assert second.arguments == ("--scan-dir", "d", "--out", str(tmp_path / "jobs_runs/d"))
+    given = RunOptions(scan_dir=Path("a/scans"), bim=Path("b.ifc"), out=tmp_path / "c", set=("odometry.method=kiss",))
+    assert first.options == given
+    assert second.options == RunOptions(scan_dir=Path("d"), out=tmp_path / "jobs_runs/d")
     assert first.folder == tmp_path
 
 

@@ -22,8 +22,8 @@ from data.trajectory import Trajectory
 from sgslam.cli.processes.run_map import map_start
 from sgslam.cli.processes.tracking_side import LogLines
 from sgslam.live import LiveSlam
-from sgslam.live.commands import read_pose
-from sgslam.live.latencies import Latencies
+from sgslam.live.live_slam import Latencies
+from sgslam.live.loop import read_pose
 from sgslam.slam import SceneGraphSlam
 
 PART = 150  # scans of the small drive, after which it is anchored
@@ -119,7 +119,7 @@ def test_a_line_is_a_pose_or_nothing() -> None:
 
 def test_latencies_are_those_within_which_so_many_answers_came() -> None:
     latencies = Latencies()
-    assert latencies.percentile_ms(50) is None
+    assert latencies.to_dict()["p50_ms"] is None
     for milliseconds in [*range(1, 100), 2000]:
         latencies.add(milliseconds / 1000, waiting=milliseconds % 7)
     told = latencies.to_dict()
