@@ -10,20 +10,15 @@ from numpy.typing import NDArray
 
 from data import SceneGraph, UserError
 from data.plans import Bim
-from data.trajectory import Trajectory
 from matching.result import AnyMatcher
-from sgslam.anchoring import AnchorRecord
 from sgslam.config import Config
-from sgslam.loops import LoopCloser
 from sgslam.mapping import KeyframeClouds
 from sgslam.odometry import Odometry
 from sgslam.registration.motion import deskewed
-from sgslam.session import PriorMap, Result, Session, Snapshot, Stopwatch, Update
+from sgslam.session import PriorMap, Result, Session, Stopwatch, Update
 from sgslam.session.finishing import assemble_result
-from sgslam.session.scan_poses import at_stamps
+from sgslam.session.run_state import RunState
 from sgslam.session.second_pass import pass_again
-from sgslam.session.snapshot import take_snapshot
-from sgslam.session.soundness.scan_uncertainty import live_sigma
 from sgslam.tracking import RunTracker, TrackerNotes
 from sgslam.types import Health, TrackedScan
 
@@ -32,7 +27,7 @@ _log = logging.getLogger(__name__)
 _WAY_UP = "it is assumed that the sensor was not upside down; if it was, give --mount 180,0,0"
 
 
-class SceneGraphSlam:
+class SceneGraphSlam(RunState):
     """SLAM with an S-graph, anchored to a building's A-graph if one is given.
 
     `bim` is the result of `load_bim`, or an A-graph in the BIM frame, without the model's elements; `matcher` is any
@@ -107,11 +102,6 @@ class SceneGraphSlam:
         """
         self._tracking.motion.add_imu(stamp_ns, gyro, accel)
 
-    @property
-    def newest_imu_ns(self) -> int | None:
-        """The stamp of the newest IMU sample; None before the first."""
-        return self._tracking.motion.imu.newest_ns
-
     def _take_all(self) -> None:
         """Adds all tracked scans; where one fails, by a matcher for instance, the others are added with the next."""
         while self._tracked:
@@ -182,129 +172,3 @@ class SceneGraphSlam:
         self._map.complete()
         self._map.refine()
         return assemble_result(self._map, *finished, passed_again=False)
-
-    @property
-    def anchored(self) -> bool:
-        """Whether the S-graph is anchored to the BIM."""
-        return not self._map.plan_is_prior and self._map.placed
-
-    @property
-    def place_probabilities(self) -> tuple[float, float]:
-        """The probability of the map's best place in its plan when it was last matched, and that of the runner-up."""
-        anchoring = self._map.anchoring
-        found = () if anchoring is None else anchoring.posterior.places
-        best, other = (*(place.probability for place in found[:2]), 0.0, 0.0)[:2]
-        return best, other
-
-    @property
-    def T_bim_map(self) -> Floats | None:  # noqa: N802
-        """(4, 4) the current pose of the map in the BIM frame; None while it is not anchored."""
-        return self._map.T_bim_map
-
-    def live_poses(self, since_ns: int) -> Trajectory:
-        """T_map_sensor of the active map's scans from a stamp on, as estimated when each was added; without scans that
-        wait or are lost."""
-        scans = [scan for scan in self._map.scans if scan.stamp_ns >= since_ns]
-        return at_stamps(scans, np.array([scan.T_map_sensor for scan in scans]).reshape(-1, 4, 4))
-
-    def sigma(self) -> Floats:
-        """(6,) the standard deviations of the newest pose: along x, y, z (m) and about them (rad), in the BIM frame if
-        the map is anchored, otherwise in the map frame. NaN before the first optimisation and while scans wait.
-
-        It takes as long as an optimisation, a few to some tens of milliseconds, and does not affect the run.
-        """
-        current, settings = self._map, self._config.odometry
-        if not current.scans or self._tracking.waiting is not None:
-            return np.full(6, np.nan)
-        newest, T_bim_map = current.scans[-1], self.T_bim_map
-        T_map_sensor, covariance = newest.T_map_sensor, newest.covariance
-        if (held := self._tracking.held) is not None:
-            T_map_sensor, covariance = current.T_map_odom @ held.T_odom_sensor, held.covariance
-        R = np.eye(3) if T_bim_map is None else T_bim_map[:3, :3]
-        return live_sigma(current.scans, T_map_sensor, covariance, current.backend, R, settings)
-
-    @property
-    def T_map_odom(self) -> Floats:  # noqa: N802
-        """(4, 4) the correction of the tracker's poses by the map, the plan and loops, at the newest keyframe."""
-        return self._map.T_map_odom
-
-    @property
-    def T_map_sensor(self) -> Floats | None:  # noqa: N802
-        """(4, 4) the pose of the newest scan in the map; None before the first, and while the first ones wait."""
-        return self._map.last_pose
-
-    @property
-    def newest_mapped_ns(self) -> int | None:
-        """The stamp of the newest scan in the map; None before the first."""
-        return self._map.scans[-1].stamp_ns if self._map.scans else None
-
-    @property
-    def T_prior_map(self) -> Floats | None:  # noqa: N802
-        """(4, 4) the current pose of the map in the prior map's frame; None while it is not relocalised there."""
-        return self._session.T_prior_map(self._map)
-
-    @property
-    def anchors(self) -> tuple[AnchorRecord, ...]:
-        """All anchors so far, including withdrawn ones."""
-        return () if self._map.anchoring is None else self._map.anchoring.records
-
-    @property
-    def clouds(self) -> KeyframeClouds:
-        """The keyframes' points of the active map."""
-        return self._map.clouds
-
-    @property
-    def keyframes(self) -> int:
-        """The number of keyframes so far, up to the first kidnap."""
-        prior = self._session.prior
-        return len((prior.backend if self._session.kidnaps and prior is not None else self._map.backend).keyframes)
-
-    @property
-    def kidnaps(self) -> int:
-        """How many times so far the sensor was carried elsewhere."""
-        return self._session.kidnaps
-
-    @property
-    def loops(self) -> LoopCloser:
-        """The loop closures, including withdrawn ones."""
-        return self._map.loops
-
-    @property
-    def seconds(self) -> dict[str, float]:
-        """The time of each stage so far, in seconds."""
-        return self._stopwatch.seconds
-
-    def s_graph(self) -> SceneGraph:
-        """The current S-graph in the map frame.
-
-        This segments rooms, wall surfaces and doors, which takes some tens of milliseconds and does not affect the
-        run. Empty while the first scans wait. Raises UserError before the first scan.
-        """
-        if self._tracking.newest_ns is None and not self._map.scans:
-            raise UserError("no scan was added, so there is no graph yet; call add_scan first")
-        return self._map.s_graph()
-
-    def snapshot(self) -> Snapshot:
-        """The current state, for viewers."""
-        return take_snapshot(self._map.backend, self._map.floors, self._map.anchoring, self._map.clouds)
-
-    def state(self) -> dict[str, Any]:
-        """The complete state as a tree (see `state_tree`), without the keyframes' points, which `clouds` stores.
-
-        It is not a copy: write it before the next scan is added.
-        """
-        return {
-            "tracking": self._tracking.state(), "seconds": self.seconds,
-            "session": self._session.state(), "map": self._map.state(),
-        }  # fmt: skip
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Restores a tree that `state` returned, for the same building and settings; the run then continues bit by bit
-        as the saved one would have. Its "tracking" is None where another process tracks. Raises KeyError, TypeError or
-        ValueError if the tree does not fit."""
-        clouds = self._session.restore(state["session"], self.clouds)
-        self._map = self._session.begin(clouds, self._stopwatch)
-        self._map.restore(state["map"])
-        if state["tracking"] is not None:
-            self._tracking.restore(state["tracking"])
-        self._stopwatch.seconds = state["seconds"]

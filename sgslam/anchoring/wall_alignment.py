@@ -44,11 +44,6 @@ class WallAlignment:
     gate: float
     share: float
 
-    @property
-    def agreeing_length(self) -> float:
-        """m, total length of the mapped walls that agree."""
-        return sum(w.surface.length or 0.0 for w in self.walls if w.agrees)
-
 
 def align_walls(
     scene: Scene, walls: WallMap, floor: SceneGraph, origin: Floats, known: Floats, settings: AnchorSettings

@@ -183,10 +183,6 @@ class Backend:
             _log.warning("the optimisation of %d keyframes failed: %s", len(self.keyframes), failure)
         _log.warning("the last estimates are kept")
 
-    def has_step(self, i: int) -> bool:
-        """Whether the odometry leads from keyframe i - 1 to keyframe i."""
-        return (i,) in self.log.held("odometry")
-
     def refine(self, faces: Faces, seen: WallPoints, steps: int = 20) -> None:
         """Moves the estimates of an anchored map to the optimum of a graph in which points on planned walls take the
         place of the anchors of rooms, and of walls but for their directions. The log stays as it is."""

@@ -192,13 +192,6 @@ class WallMap(Stateful):
         """For each wall, the number of keyframes that saw it."""
         return {wall: len(keyframes) for wall, (_, _, keyframes) in self._extent.items()}
 
-    def lower_ends(self) -> dict[int, float]:
-        """For each wall, the first quartile of the lowest points (m above the floor) of its observations."""
-        lows: dict[int, list[float]] = {}
-        for s in self.seen:
-            lows.setdefault(s.wall, []).append(s.heights[0])
-        return {wall: float(np.quantile(values, 0.25)) for wall, values in lows.items()}
-
     def scatter(self) -> dict[int, float]:
         """For each wall, the standard error (m) of its offset from the scatter of its observations.
 
