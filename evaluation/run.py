@@ -123,7 +123,7 @@ def _system(case: DriveCase, variant: Variant, drive: Drive, sent: Troubled, wor
     aligned = result.trajectory_map
     if not variant.plan:  # without a plan the first pose is given
         aligned = aligned.transformed(origin_alignment(aligned, truth))
-    told = result.uncertainty
+    known = result.uncertainty
     return Outcome(
         scans=len(live),
         truth=truth,
@@ -131,9 +131,9 @@ def _system(case: DriveCase, variant: Variant, drive: Drive, sent: Troubled, wor
         map=result.trajectory_map,
         odometry=result.trajectory_odometry,
         live=_live(live),
-        stamps_ns=told.stamps_ns,
-        sigma=told.sigma if variant.plan else np.full_like(told.sigma, np.nan),  # of another frame
-        health=tuple(told.health),
+        stamps_ns=known.stamps_ns,
+        sigma=known.sigma if variant.plan else np.full_like(known.sigma, np.nan),  # of another frame
+        health=tuple(known.health),
         no_place=case.trouble in NO_PLACE,
         facts=facts,
     )
@@ -204,10 +204,10 @@ def _facts(result: Result) -> Record:
 def _placed(result: Result, truth: Trajectory) -> Record | None:
     """Of a map that had a place, though it may have been withdrawn: its signals of soundness, and how many of its
     scans, without lost ones, are wrong there; None for a map without a place."""
-    place, told = result.place, result.uncertainty
+    place, known = result.place, result.uncertainty
     if place is None or place.T_bim_map is None:
         return None
-    kept = (told.part == 0) & (np.array(told.health) != "lost")
+    kept = (known.part == 0) & (np.array(known.health) != "lost")
     poses = result.trajectory_map.only(kept).transformed(place.T_bim_map)
     return {"scans": len(poses), "wrong": wrong_poses(poses, truth), "signals": dict(place.signals)}
 

@@ -32,7 +32,7 @@ def read_guarded(path: Path, seconds: float | None = None) -> dict[str, Any]:
     limits = {"seconds": seconds or SECONDS + SECONDS_EACH * size, "memory": MEMORY + MEMORY_EACH * size}
     with tempfile.TemporaryDirectory(prefix="sgslam-") as folder:
         out = Path(folder) / "result.json"
-        code = _asked({"path": str(path.absolute()), "told": str(path), "out": str(out), **limits})
+        code = _asked({"path": str(path.absolute()), "shown": str(path), "out": str(out), **limits})
         if code == 0:
             result: dict[str, Any] = json.loads(out.read_bytes())
             if "error" in result:
@@ -57,7 +57,7 @@ def _asked(request: dict[str, Any]) -> int:
         helper.kill()
         raise
     if not answer:
-        raise UserError(f"{request['told']}: the process that reads IFC files ended; try again")
+        raise UserError(f"{request['shown']}: the process that reads IFC files ended; try again")
     return int(answer)
 
 
@@ -108,10 +108,10 @@ def _read(request: dict[str, Any]) -> None:
         graph, notices = read_ifc(request["path"])
         result: dict[str, Any] = {"graph": graph.to_dict(), "notices": list(notices)}
     except UserError as error:
-        result = {"error": str(error).replace(request["path"], request["told"])}
+        result = {"error": str(error).replace(request["path"], request["shown"])}
     except Exception as error:  # geometry that cannot be: each library raises kinds of its own
         kind = "needs too much memory" if isinstance(error, MemoryError) else "cannot be turned into a plan"
-        result = {"error": f"{request['told']}: {kind} ({type(error).__name__}); export the walls and spaces again"}
+        result = {"error": f"{request['shown']}: {kind} ({type(error).__name__}); export the walls and spaces again"}
     Path(request["out"]).write_text(json.dumps(result))
 
 

@@ -41,7 +41,7 @@ class GrowingFolder(ScanStream):
             raise UserError(f"{self.path}: cannot be watched ({error.strerror}); give another folder") from None
         self._stamps = GrowingStamps(self.path)
         self._known = set[str]()  # names of files that were taken or skipped
-        self._told = set[str]()  # of files that were closed and are not taken yet
+        self._written = set[str]()  # of files that were closed and are not taken yet
         self._pending = self._listed()
         self._looked_s = time.monotonic()
         self._last: Path | None = None
@@ -66,11 +66,11 @@ class GrowingFolder(ScanStream):
 
     def _look(self, seconds: float) -> None:
         """Waits for new files, for at most so long."""
-        told = {name for name in self._closed.wait(seconds) if _is_scan(name)} - self._known
-        self._told |= told
-        self._pending |= told
+        written = {name for name in self._closed.wait(seconds) if _is_scan(name)} - self._known
+        self._written |= written
+        self._pending |= written
         now_s = time.monotonic()
-        if told:
+        if written:
             self._looked_s = now_s
         elif now_s - self._looked_s > _LOOK:
             self._looked_s = now_s
@@ -80,7 +80,7 @@ class GrowingFolder(ScanStream):
         return {file.name for file in self.path.iterdir() if _is_scan(file.name)} - self._known
 
     def _is_complete(self, file: Path) -> bool:
-        if file.name in self._told:
+        if file.name in self._written:
             return True
         try:
             about = file.stat()
@@ -90,7 +90,7 @@ class GrowingFolder(ScanStream):
 
     def _read(self, file: Path, stamp_ns: int, came_s: float) -> Iterator[Arrival]:
         self._known.add(file.name)
-        self._told.discard(file.name)
+        self._written.discard(file.name)
         self._pending.discard(file.name)
         index, last = self._index, self._last
         self._index += 1

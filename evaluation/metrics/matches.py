@@ -40,7 +40,7 @@ def matching_scores(result: MatchResult, truth: TrueMatches, s_graph: SceneGraph
     )
 
 
-def unique_is_wrong(result: MatchResult, truth: TrueMatches, bent: bool = False) -> bool:
+def unique_is_wrong(result: MatchResult, truth: TrueMatches, warped: bool = False) -> bool:
     """Whether a `unique` answer is wrong; False for any other status.
 
     An answer is wrong if it misplaces the S-graph's centroid by more than 0.5 m or rotates it by more than 5 degrees (1
@@ -54,7 +54,7 @@ def unique_is_wrong(result: MatchResult, truth: TrueMatches, bent: bool = False)
     ours, true, centre = np.array(result.T_a_s), np.array(truth.T_a_s), np.array(truth.s_centroid)
     misplaced = np.hypot(*(se2.apply(ours, centre) - se2.apply(true, centre)))
     turned = abs(se2.wrap(ours[:1] - true[:1])[0])
-    far, much = (MISPLACED_BENT_M, TURNED_BENT_RAD) if bent else (MISPLACED_M, TURNED_RAD)
+    far, much = (MISPLACED_BENT_M, TURNED_BENT_RAD) if warped else (MISPLACED_M, TURNED_RAD)
     wrong_room = any(truth.rooms.get(s) != a for s, a, _ in result.rooms)
     return bool(not (misplaced <= far and turned <= much) or result.floor != truth.floor or wrong_room)
 

@@ -12,7 +12,7 @@ from matching.arrays.walls import Doors, Index, Walls
 
 BESIDE = 0.8  # metres between the walls of neighbours: a wall's thickness and its errors
 POINTS = 0.5  # metres between points of a wall
-BEHIND = 1.0  # metres that a room behind a stray wall counts as further away
+BEHIND = 1.0  # metres that a room behind a wall without a room counts as further away
 FAR, TOUCHING = 10.0, 1e-6  # metres from which on groups are no neighbours, and between those joined by a door
 MOST_NEIGHBOURS = 6
 CELL = 6.0  # metres, of the parts of a map without rooms
@@ -47,16 +47,16 @@ def groups(s: Walls, doors: Doors, rigid: bool = False) -> Groups:
 def rooms_of_walls(s: Walls) -> Index:
     """(Ns,) the room of each wall: of one without, the nearest on the side that it faces; a map without rooms is cut
     into cells."""
-    stray, with_room = np.flatnonzero(s.room < 0), np.flatnonzero(s.room >= 0)
-    if not len(stray):
+    roomless, with_room = np.flatnonzero(s.room < 0), np.flatnonzero(s.room >= 0)
+    if not len(roomless):
         return s.room  # each room has a wall
     if not len(with_room):
         return np.asarray(np.unique(np.floor(s.centre / CELL), axis=0, return_inverse=True)[1].reshape(-1))
     middle = _means(s.centre[with_room], s.room[with_room])[s.room[with_room]]
-    towards, off = (to[None] - s.centre[stray, None] for to in (middle, s.centre[with_room]))
-    behind = (towards * s.normal[stray, None]).sum(axis=-1) < 0
+    towards, off = (to[None] - s.centre[roomless, None] for to in (middle, s.centre[with_room]))
+    behind = (towards * s.normal[roomless, None]).sum(axis=-1) < 0
     found = s.room.copy()
-    found[stray] = s.room[with_room][(np.hypot(*off.transpose(2, 0, 1)) + BEHIND * behind).argmin(axis=1)]
+    found[roomless] = s.room[with_room][(np.hypot(*off.transpose(2, 0, 1)) + BEHIND * behind).argmin(axis=1)]
     return found
 
 

@@ -38,24 +38,24 @@ def corners(walls: Walls, chosen: Index | None = None) -> Marks:
     chosen = np.arange(len(walls)) if chosen is None else chosen
     room = walls.room[chosen]
     order = np.argsort(room, kind="stable")
-    stray = int(np.count_nonzero(room < 0))
-    begins = np.searchsorted(room[order], np.unique(room[order[stray:]]))
+    roomless = int(np.count_nonzero(room < 0))
+    begins = np.searchsorted(room[order], np.unique(room[order[roomless:]]))
     ends = np.append(begins[1:], len(order))
-    pairs = _near(walls.centre, walls.half, chosen, order, begins, ends, stray)
+    pairs = _near(walls.centre, walls.half, chosen, order, begins, ends, roomless)
     return Marks(*_met(walls.centre, walls.normal, walls.heading, walls.half, pairs))
 
 
 @compiled
-def _near(centre: Array, half: Array, chosen: Index, order: Index, begins: Index, ends: Index, stray: int) -> Index:
-    """(E, 2) pairs of walls that may meet; the first `stray` walls in the order have no room."""
+def _near(centre: Array, half: Array, chosen: Index, order: Index, begins: Index, ends: Index, roomless: int) -> Index:
+    """(E, 2) pairs of walls that may meet; the first `roomless` walls in the order have no room."""
     found = [(0, 0) for _ in range(0)]
     for n in range(len(begins)):
         for i in range(begins[n], ends[n]):
             for k in range(i + 1, ends[n]):
                 found.append((chosen[order[i]], chosen[order[k]]))
     lone = np.zeros(len(order), dtype=np.bool_)
-    lone[order[:stray]] = True
-    for n in order[:stray]:
+    lone[order[:roomless]] = True
+    for n in order[:roomless]:
         for m in range(len(order)):
             if m != n and (m > n or not lone[m]):
                 i, k = chosen[n], chosen[m]

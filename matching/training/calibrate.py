@@ -104,18 +104,18 @@ def _answer(found: Hypotheses, truth: DrawnGraph, regime: str) -> Answer:
     if regime == "foreign":
         return Answer(regime, Signs.of(found), (False,) * len(found), (), ())
     pairs = [assign(found, k) for k in range(min(len(found), COMPARED))]
-    told = [_surfaces(found, k, pairs[k], truth) for k in range(len(pairs))]
+    surfaces = [_surfaces(found, k, pairs[k], truth) for k in range(len(pairs))]
     near = _is_near(found, truth)
     right = tuple(
         near[k] or (len(walls) > 0 and sum(true for _, true in walls) > RIGHT * len(walls))
-        for k, walls in enumerate(told)
+        for k, walls in enumerate(surfaces)
     )
     if not right[0] or regime != "whole":
         return Answer(regime, Signs.of(found), right, (), ())
     s, a = found.scene.s, found.scene.plan.storeys[int(found.fields.storey[0])]
     true = [truth.rooms.get(s.rooms[r].id) == a.rooms[q].id for r, q, _ in pairs[0].rooms]
     signs = room_signs(found, pairs[0].rooms).tolist()
-    return Answer(regime, Signs.of(found), right, tuple(zip(signs, true, strict=True)), told[0])
+    return Answer(regime, Signs.of(found), right, tuple(zip(signs, true, strict=True)), surfaces[0])
 
 
 def _is_near(found: Hypotheses, truth: DrawnGraph) -> list[bool]:

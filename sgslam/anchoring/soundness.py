@@ -1,6 +1,6 @@
 """Whether a placed map is sound: the log likelihood ratios of its signals, and the probability that follows.
 
-A map that is bent, or two places mapped as one, may still fit a plan. Then its poses are less certain, the plan is
+A map that is warped, or two places mapped as one, may still fit a plan. Then its poses are less certain, the plan is
 tilted in it, it differs from the odometry, or the sensor's path leads through walls. Each signal has a noise model for
 sound and for unsound maps; the signals are not independent, so their sum counts by a share. All numbers are fitted by
 `python -m evaluation.calibration`.

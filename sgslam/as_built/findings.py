@@ -27,15 +27,14 @@ def element_findings(elements: Sequence[Entry]) -> list["ElementFinding"]:
     from data.ifc.deviations import ElementFinding, Measurement
 
     findings = []
-    for told in elements:
+    for entry in elements:
         shift = None
-        if told["offset_m"] is not None:
-            x, y, z = (told["offset_m"] * axis for axis in told["direction"])
+        if entry["offset_m"] is not None:
+            x, y, z = (entry["offset_m"] * axis for axis in entry["direction"])
             shift = (x, y, z)
-        measurement = Measurement(told["loa"], told["conclusive"], told["seen"], told["views"])
-        findings.append(ElementFinding(
-            told["global_id"], told["verdict"], shift, told["sigma_m"], told["turn_rad"], told["reason"], measurement,
-        ))  # fmt: skip
+        measurement = Measurement(entry["loa"], entry["conclusive"], entry["seen"], entry["views"])
+        known = entry["global_id"], entry["verdict"], shift, entry["sigma_m"], entry["turn_rad"], entry["reason"]
+        findings.append(ElementFinding(*known, measurement))
     return findings
 
 

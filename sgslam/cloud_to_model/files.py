@@ -25,15 +25,15 @@ def write_cloud_to_model(
     """Writes the coloured cloud, the table, the histogram, and a heat map of each element with enough points, named by
     its GlobalId; returns their paths."""
     limit = _LIMIT * tolerance
-    told = summary(found, elements, tolerance)
+    table = summary(found, elements, tolerance)
     folder = out / PICTURES
     shutil.rmtree(folder, ignore_errors=True)  # those of another time
     folder.mkdir()
-    for entry, (number, _) in zip(told["elements"], shown(found), strict=True):
+    for entry, (number, _) in zip(table["elements"], shown(found), strict=True):
         entry["heat_map"] = picture_of(elements[number].global_id)
         write_heat_map(found, number, elements[number], limit, out / entry["heat_map"])
     write_histogram(found, tolerance, out / HISTOGRAM)
     comment = f"bim frame, metres; distance in metres, positive before the planned face, NaN beyond {found.reach:g} m"
     write_ply(out / CLOUD, found.points, comment, colours(found.distance, limit), {"distance": found.distance})
-    write_json(out / TABLE, told)
+    write_json(out / TABLE, table)
     return [out / CLOUD, out / TABLE, out / HISTOGRAM, folder]

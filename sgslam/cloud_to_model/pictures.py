@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 CELL = 0.05  # m, of a heat map
 GREY = (150, 150, 150)  # what is near no planned surface
-_COLOURS = "RdBu_r"  # red before the planned face, blue behind it; also told apart by colour-blind readers
+_COLOURS = "RdBu_r"  # red before the planned face, blue behind it; also distinguished by colour-blind readers
 _DPI = 110
 
 

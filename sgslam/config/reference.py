@@ -40,9 +40,9 @@ def _row(group: "BaseModel", name: str, info: "FieldInfo") -> str:
     """A row of the table; a description begins with its unit."""
     about = meaning(info)
     unit = _UNIT.match(about)
-    told = about[unit.end() :] if unit else about
+    text = about[unit.end() :] if unit else about
     default, allowed = f"`{plain_yaml(getattr(group, name))}`", "; ".join(choices_and_bounds(info))
-    cells = [f"`{name}`", _kind(info.annotation), default, unit[1] if unit else "", allowed, told]
+    cells = [f"`{name}`", _kind(info.annotation), default, unit[1] if unit else "", allowed, text]
     return f"| {' | '.join(cells)} |"
 
 

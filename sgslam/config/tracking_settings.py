@@ -39,7 +39,7 @@ class TrackingSettings(Settings):
     kernel: float = Field(0.1, gt=0)
     """m, distance from its surface at which a point's weight is a quarter (Geman-McClure), and within which it counts
     as explained by it; also its standard deviation, larger than a sensor's noise as neighbouring points share errors"""
-    feigned: float = Field(3.0, ge=0)
+    spurious: float = Field(3.0, ge=0)
     """information removed along each direction, as a multiple of what errors of the surface normals pretend to give"""
     local_map: float = Field(100.0, gt=0)
     """m, path length after which surfaces that are no longer seen are dropped from the local map"""

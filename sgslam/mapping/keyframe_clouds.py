@@ -86,7 +86,7 @@ class KeyframeClouds:
         self._places[keyframe] = self._end + _RECORD.size, len(kept)
         self._end += len(record)
 
-    def give_way(self) -> None:
+    def make_room(self) -> None:
         """Drops all clouds to free disk space for more important files."""
         self._places, self._end, self._full = {}, len(_MAGIC), True
         os.ftruncate(self._file.fileno(), self._end)

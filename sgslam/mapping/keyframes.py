@@ -55,8 +55,8 @@ class KeyframeRule(Stateful):
         self._scans = 0
         self._stood = 0  # consecutive keyframes taken while standing still
 
-    def wants(self, T_map_sensor: Floats) -> bool:
-        """Whether the scan at this pose (4, 4) becomes a keyframe; the first always does."""
+    def offer(self, T_map_sensor: Floats) -> bool:
+        """Offers the scan at this pose (4, 4); returns whether it becomes a keyframe. The first always does."""
         self._scans += 1
         still = False
         if self._last is not None:

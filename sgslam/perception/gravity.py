@@ -42,7 +42,7 @@ class Gravity:
 def find_gravity(
     surfels: tuple[Floats, Floats, Floats], sensor_positions: Floats, expected_up: Floats, is_stated: bool
 ) -> Gravity | None:
-    """The vertical, or None if it cannot be told; where two axes are as likely, that near the expected one.
+    """The vertical, or None if it is unknown; where two axes are as likely, that near the expected one.
 
     Args: `surfels` of the first seconds in a frame of any attitude: positions (N, 3) in metres, unit normals (N, 3),
     numbers of points (N,); the sensor's positions (M, 3) on its way; `expected_up` (3,), a unit vector, the vertical if

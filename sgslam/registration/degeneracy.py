@@ -10,7 +10,7 @@ _SMALL = 1e-9  # of the largest information, what is added to each direction: a 
 
 
 @compiled
-def project_out_feigned(H: Floats, g: Floats, F: Floats, chance: float) -> None:
+def project_out_spurious(H: Floats, g: Floats, F: Floats, chance: float) -> None:
     """Takes information that errors of the normals may feign out of the normal equations H (6K, 6K), g (6K,).
 
     The upper triangle of F (6, 6) is what errors of the normals contribute by expectation to the information about a

@@ -31,7 +31,7 @@ class Weights(NamedTuple):
 
     gate: float
     kernel: float
-    feigned: float
+    spurious: float
     sway: float
     sway_memory: float
 

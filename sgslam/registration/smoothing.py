@@ -15,7 +15,7 @@ from scipy.linalg import solveh_banded
 from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.registration.beliefs import MotionModel
-from sgslam.registration.degeneracy import project_out_feigned
+from sgslam.registration.degeneracy import project_out_spurious
 from sgslam.registration.motion import pose_at
 from sgslam.registration.motion_prior import add_height, add_velocities
 from sgslam.registration.points import (
@@ -71,7 +71,7 @@ class _Seen:
             points, scan.seconds, scan.knot_seconds, knots, self.plane_of, 1, surfels, -1.0, error, self.kernel,
             weights, self.H, self.g, self.F,
         )  # fmt: skip
-        project_out_feigned(self.H, self.g, self.F, weights.feigned)
+        project_out_spurious(self.H, self.g, self.F, weights.spurious)
         self.moved, self.kernel = 0.0, min(self.kernel, max(weights.kernel, KERNEL * residual))
         of_all = self.H.reshape(len(knots), 6, len(knots), 6).sum(axis=(0, 2)) + np.eye(6) / _UNKNOWN
         self.height_variance = float(np.linalg.inv(of_all)[5, 5])

@@ -11,7 +11,7 @@ from data.common.compiled import compiled
 from sgslam.geometry.normal_equations import solved, square_up
 from sgslam.geometry.rotations import rotated_by
 from sgslam.inertial import Changes, Steps
-from sgslam.registration.degeneracy import project_out_feigned
+from sgslam.registration.degeneracy import project_out_spurious
 from sgslam.registration.motion_prior import (
     add_changes,
     add_height,
@@ -148,8 +148,8 @@ class Solved:
         turn[:3, :3] = turn[3:, 3:] = self.knots[knot, :3, :3]
         before, weighted = self.predicted_information[knot], self.covariance[own, own]
         true = np.linalg.inv(before + (np.linalg.inv(weighted) - before) / self.variance_factor)
-        bent = np.zeros(6) if steady else _bent(self.seconds, self.knots)
-        weighted, true = (turn.T @ ((C + C.T) / 2 + np.diag(bent)) @ turn for C in (weighted, true))
+        unsteady = np.zeros(6) if steady else _bent(self.seconds, self.knots)
+        weighted, true = (turn.T @ ((C + C.T) / 2 + np.diag(unsteady)) @ turn for C in (weighted, true))
         return weighted, true
 
 
@@ -245,7 +245,7 @@ def _solve(
                 for j in range(size):
                     H[first + i, first + j] += own_H[s, i, j]
             F += own_F[s]
-        project_out_feigned(H, g, F, weights.feigned)
+        project_out_spurious(H, g, F, weights.spurious)
         add_steps(knots, window.steps, H, g)
         for i in range(len(H)):
             for j in range(len(H)):

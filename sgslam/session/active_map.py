@@ -115,14 +115,14 @@ class ActiveMap:
         self.points.add(scan)
         if scan.raw.step_covariance is not None and len(self.scans) > 1:
             R_sensor_before = scan.T_odom_sensor[:3, :3].T @ self.scans[-2].T_odom_sensor[:3, :3]
-            self._steps.tell(scan.raw.step_covariance, R_sensor_before)
+            self._steps.add(scan.raw.step_covariance, R_sensor_before)
         if scan.health == "lost" and keyframes:
             return False
         with self.stopwatch("surfaces"):
             thinned = few_points(scan.registration, scan.raw.points, self._config.tracking)
             self._surfels.add_scan(thinned, scan.T_odom_sensor)
         landed = self._follow_floor(self.scans[-1])
-        return self._keyframe_rule.wants(T_map_sensor) or landed
+        return self._keyframe_rule.offer(T_map_sensor) or landed
 
     def _follow_floor(self, scan: ScanPose) -> bool:
         """Whether the sensor arrives on level ground after a climb."""

@@ -70,19 +70,19 @@ def assemble_result(
     place = _judged(final, run, known, standing, config)
     T_bim_map, reason = place.T_bim_map, place.reason
     in_bim = known if T_bim_map is not None else None
-    told = ScanUncertainty.joined([place.own, *_apart(unplaced, config)])
+    states = ScanUncertainty.joined([place.own, *_apart(unplaced, config)])
     if T_bim_map is None:
         advice = [*advice, *_not_anchored_advice(floors, run, bim, matches, reason), *_nearly_sure(place.place, config)]
-        apart = int((told.part > 0).sum())
+        apart = int((states.part > 0).sum())
         if apart and anchoring is not None:
-            reason = f"{reason}; the map has several parts: {apart} of {len(told.part)} scans are not in the first"
-    elif missing := what_is_not_anchored(told):
+            reason = f"{reason}; the map has several parts: {apart} of {len(states.part)} scans are not in the first"
+    elif missing := what_is_not_anchored(states):
         reason = f"{reason}; {missing}"
     whole = run.with_unplaced
     return Result(
         anchored=T_bim_map is not None,
         reason=reason,
-        trajectory=whole if T_bim_map is None else whole.only(told.anchored).transformed(T_bim_map),
+        trajectory=whole if T_bim_map is None else whole.only(states.anchored).transformed(T_bim_map),
         trajectory_map=whole,
         trajectory_odometry=odometry_of(run.all_scans),
         T_bim_map=T_bim_map,
@@ -97,13 +97,13 @@ def assemble_result(
         seconds=dict(final.stopwatch.seconds),
         config=config,
         clouds=final.clouds,
-        uncertainty=told,
+        uncertainty=states,
         quality=place.quality,
         place=place.place,
         tracked=run.tracked,
         earlier=tuple(path if T_bim_map is None else path.transformed(T_bim_map) for path in run.earlier),
         relocalisation=relocalisation,
-        trajectory_live=_live(run.scans, told, T_bim_map) if passed_again else None,
+        trajectory_live=_live(run.scans, states, T_bim_map) if passed_again else None,
         advice=tuple(dict.fromkeys(advice)),
     )
 
@@ -202,10 +202,10 @@ def _quality(final: ActiveMap, run: RunPoses, own: ScanUncertainty, config: Conf
     )  # fmt: skip
 
 
-def _live(scans: list[ScanPose], told: ScanUncertainty, T_bim_map: Floats | None) -> Trajectory:
+def _live(scans: list[ScanPose], states: ScanUncertainty, T_bim_map: Floats | None) -> Trajectory:
     """The scans' poses in the map as they were estimated when each came; of an anchored run, in the BIM frame."""
     live = at_stamps(scans, np.stack([scan.T_map_sensor for scan in scans]))
-    return live if T_bim_map is None else live.only(told.anchored).transformed(T_bim_map)
+    return live if T_bim_map is None else live.only(states.anchored).transformed(T_bim_map)
 
 
 def _apart(unplaced: list[PriorMap], config: Config) -> list[ScanUncertainty]:

@@ -243,7 +243,7 @@ def save_result(
                 raise
             if not room:
                 _log.warning("%s: the disk is full; the keyframe clouds are deleted to make space for the results", out)
-                result.clouds.give_way()
+                result.clouds.make_room()
     raise UserError(f"{out}: the disk is full and some results are missing; free some space and run it again")
 
 

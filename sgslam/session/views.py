@@ -11,14 +11,14 @@ from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
 
 
 def keyframe_views(
-    s_graph: SceneGraph, T_bim_map: NDArray[np.float64], told: ScanUncertainty, clouds: KeyframeClouds
+    s_graph: SceneGraph, T_bim_map: NDArray[np.float64], scans: ScanUncertainty, clouds: KeyframeClouds
 ) -> list[View]:
     """The keyframes that have a cloud, in the BIM frame; `T_bim_map` is (4, 4)."""
     keyframes = s_graph.keyframes
     poses = T_bim_map @ xyzquat_to_poses(np.array([keyframe.pose for keyframe in keyframes]))
-    nearest = np.clip(np.searchsorted(told.stamps_ns, [k.stamp_ns for k in keyframes]), 0, len(told.stamps_ns) - 1)
-    sigma = told.sigma[nearest, :3]
-    heading = np.nan_to_num(told.sigma[nearest, 5], nan=np.inf)
+    nearest = np.clip(np.searchsorted(scans.stamps_ns, [k.stamp_ns for k in keyframes]), 0, len(scans.stamps_ns) - 1)
+    sigma = scans.sigma[nearest, :3]
+    heading = np.nan_to_num(scans.sigma[nearest, 5], nan=np.inf)
     return [
         View(points, T, own, float(turn))
         for keyframe, T, own, turn in zip(keyframes, poses, sigma, heading, strict=True)

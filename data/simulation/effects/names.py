@@ -23,7 +23,7 @@ EFFECTS = {
 
 
 def checked(effects: Collection[str]) -> frozenset[str]:
-    """The effects; `all` stands for all of them, rolling unless told otherwise.
+    """The effects; `all` stands for all of them, rolling unless stated otherwise.
 
     Raises UserError for an unknown name, and for two ways to time the points.
     """

@@ -29,13 +29,13 @@ class Returns:
     def measured(self, ranges: Array, cosines: Array, rng: np.random.Generator) -> Array:
         """(N,) ranges (N,) as the sensor tells them, without their noise; `cosines` (N,) are those of the incidence."""
         lost = rng.random(len(ranges)) < (GRAZING[0] - cosines) / (GRAZING[0] - GRAZING[1])
-        told, beams = ranges.copy(), len(self.bias)
+        measured, beams = ranges.copy(), len(self.bias)
         both = np.isfinite(ranges[beams:]) & np.isfinite(ranges[:-beams])
         step = np.where(both, ranges[beams:], 0.0) - np.where(both, ranges[:-beams], 0.0)
         mixed = (np.abs(step) > EDGE) & (rng.random(len(step)) < MIXED)
-        told[:-beams][mixed] += rng.random(int(mixed.sum())) * step[mixed]
-        told += np.resize(self.bias, len(told))
-        return np.where(lost, np.inf, told)
+        measured[:-beams][mixed] += rng.random(int(mixed.sum())) * step[mixed]
+        measured += np.resize(self.bias, len(measured))
+        return np.where(lost, np.inf, measured)
 
 
 def noisy(sensor: Sensor) -> Sensor:

@@ -31,7 +31,7 @@ from sgslam.as_built.elements.turns import turn_of
 
 Floats = NDArray[np.float64]
 _PARALLEL = 0.99  # cosine between a face and the main axis of its body
-_SAME_AXIS = 0.1  # of unit vectors, by which their components are told apart
+_SAME_AXIS = 0.1  # of unit vectors, by which their components are distinguished
 _LEAST_SHARE = 0.3  # of the sightings of a moved surface: if nearly all are before it, so may be what is taken for it
 
 

@@ -1,7 +1,7 @@
 """Free space: through how much of the walls that both plan and map have a map's rays lead.
 
-In a sound map at its place, walls are opaque. In one that is bent, or in which two places are mapped as one, scans look
-through the walls that others saw, for metres. A sliding door that is a wall in the plan is a narrow gap.
+In a sound map at its place, walls are opaque. In one that is warped, or in which two places are mapped as one, scans
+look through the walls that others saw, for metres. A sliding door that is a wall in the plan is a narrow gap.
 """
 
 import numpy as np

@@ -68,10 +68,10 @@ class ScanUncertainty:
         """Writes the file `trajectory_sigma.csv`; angles in degrees."""
         values = np.hstack([self.sigma[:, :3], np.degrees(self.sigma[:, 3:])])
         judged = [f"{p:.4f},{anchored:d}" for p, anchored in zip(self.probability, self.anchored, strict=True)]
-        told = zip(self.stamps_ns, values, self.part, self.floor, judged, self.health, strict=True)
+        rows = zip(self.stamps_ns, values, self.part, self.floor, judged, self.health, strict=True)
         lines = [
             ",".join([ns_to_seconds(int(stamp)), *(f"{v:.5g}" for v in own), *map(str, others)])
-            for stamp, own, *others in told
+            for stamp, own, *others in rows
         ]
         write_atomically(path, "\n".join([_HEADER, *lines, ""]))
 
@@ -110,13 +110,13 @@ def probability_within(sigma: Floats, limits: Floats) -> Floats:
     return np.nan_to_num(np.prod(erf(limits / (np.sqrt(2) * sigma)), axis=1))
 
 
-def what_is_not_anchored(told: ScanUncertainty) -> str:
+def what_is_not_anchored(own: ScanUncertainty) -> str:
     """The scans without an anchored pose, counted by cause; empty where there are none."""
-    lost, apart = np.array([health == "lost" for health in told.health]), told.part > 0
+    lost, apart = np.array([health == "lost" for health in own.health]), own.part > 0
     counts = {
         "are lost": lost,
         "are in parts that were not placed": apart & ~lost,
-        "have poses that are too uncertain": ~told.anchored & ~apart & ~lost,
+        "have poses that are too uncertain": ~own.anchored & ~apart & ~lost,
     }
     texts = [f"{own.sum()} {cause}" for cause, own in counts.items() if own.any()]
     return f"of {len(lost)} scans {', '.join(texts)}" if texts else ""

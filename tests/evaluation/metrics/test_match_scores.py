@@ -90,7 +90,7 @@ def test_a_unique_answer_is_wrong_by_its_motion(
     for motion in motions:
         given = answer("R1-A1", T_a_s=placed(*motion))
         assert unique_is_wrong(given, TRUTH) is wrong
-        assert unique_is_wrong(given, TRUTH, bent=True) is wrong_if_bent
+        assert unique_is_wrong(given, TRUTH, warped=True) is wrong_if_bent
 
 
 @pytest.mark.parametrize(

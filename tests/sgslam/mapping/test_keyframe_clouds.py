@@ -69,7 +69,7 @@ def test_thinning_does_not_move_a_noisy_wall() -> None:
         assert abs(float(kept[:, 0].mean()) - distance) < 0.002  # the standard deviation of the mean is 0.6 mm
 
 
-def test_on_a_full_disk_clouds_give_way_to_the_results(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_on_a_full_disk_clouds_make_room_for_the_results(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     small = tmp_path / "small"
     small.mkdir()
     mount = ["mount", "-t", "tmpfs", "-o", "size=1500k", "tmpfs", str(small)]
@@ -86,7 +86,7 @@ def test_on_a_full_disk_clouds_give_way_to_the_results(tmp_path: Path, caplog: p
         with pytest.raises(OSError) as full:
             write_atomically(small / "trajectory.tum", bytes(200_000))
         assert full.value.errno == errno.ENOSPC and full.value.filename == str(small / "trajectory.tum")
-        clouds.give_way()
+        clouds.make_room()
         write_atomically(small / "trajectory.tum", bytes(200_000))
         assert len(clouds) == 0 and (small / "trajectory.tum").stat().st_size == 200_000
     finally:

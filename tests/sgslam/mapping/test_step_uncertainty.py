@@ -13,8 +13,8 @@ from sgslam.session.soundness.step_uncertainty import StepUncertainty
 def test_what_is_given_for_the_scans_since_the_last_keyframe_adds_up_in_the_axes_of_the_newest() -> None:
     steps, none, along_x = StepUncertainty(OdometrySettings()), np.zeros((6, 6)), np.diag([0, 0, 0, 0.04, 0, 0])
     steps.leave(none, True)
-    steps.tell(along_x, np.eye(3))
-    steps.tell(along_x, pose(0.0, 0.0, 0.0, -np.pi / 2)[:3, :3])  # turned left, so that x before is -y now
+    steps.add(along_x, np.eye(3))
+    steps.add(along_x, pose(0.0, 0.0, 0.0, -np.pi / 2)[:3, :3])  # turned left, so that x before is -y now
     covariance, weak = steps.leave(none, True)
     nothing, strong = steps.leave(none, True)  # since then
     np.testing.assert_allclose(np.diag(covariance - nothing), [0.0, 0.0, 0.0, 0.04, 0.04, 0.0], atol=1e-12)

@@ -85,15 +85,15 @@ def test_points_are_truer_than_their_weights_where_they_tell_something() -> None
 
 @pytest.mark.parametrize("yaw", [0.0, 0.5])
 @pytest.mark.parametrize(
-    ("more", "feigned", "expected"),
+    ("more", "spurious", "expected"),
     [
         ([], 3.0, "degraded"),
         ([], 0.0, "good"),  # errors of the normals feign that the walls show the place along them
         ([(5, -1.2, 0, 5.2, 1.2, 2.6)], 3.0, "good"),  # its end is in sight
     ],
 )
-def test_along_a_bare_corridor_a_scan_is_degraded(more: list[Box], feigned: float, expected: str, yaw: float) -> None:
-    settings = TrackingSettings(feigned=feigned, degraded_translation=0.2)  # m; measured 0.1 and 0.57 along the walls
+def test_along_a_bare_corridor_a_scan_is_degraded(more: list[Box], spurious: float, expected: str, yaw: float) -> None:
+    settings = TrackingSettings(spurious=spurious, degraded_translation=0.2)  # m; measured 0.1 and 0.57 along the walls
     odometry, scene = ContinuousTimeOdometry(settings), scene_of([*CORRIDOR, *more])
     for k in range(8):
         found = odometry.register(k * SCAN_NS, scan(scene, pose(0.05 * k, 0.0, 1.2, yaw), seed=k))

@@ -68,7 +68,7 @@ def test_keyframes_of_an_hours_standing_are_few() -> None:
     hour = np.repeat(way[-1:], 36_000, axis=0)
     hour[:, :2, 3] += np.random.default_rng(0).normal(0.0, 0.003, (len(hour), 2))
     rule = KeyframeRule(KeyframeSettings())
-    taken = np.array([rule.wants(place) for place in np.concatenate([way, hour, way[::-1]])])
+    taken = np.array([rule.offer(place) for place in np.concatenate([way, hour, way[::-1]])])
     assert taken[100:-100].sum() < 12
     # as soon as it moves on they come as they did before
     assert taken[-99:].sum() == pytest.approx(taken[1:100].sum(), abs=1)
