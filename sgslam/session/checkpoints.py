@@ -39,7 +39,7 @@ class Resumable(Restorable, Protocol):
 class Checkpoints:
     """Writes the state of a run into its folder, as often as a fixed share of the run time allows.
 
-    `about` identifies the run (see `run_fingerprint`). On a full disk the checkpoint is lost and the run goes on.
+    `about` identifies the run (see `RunInputs.header`). On a full disk the checkpoint is lost and the run goes on.
     """
 
     def __init__(self, folder: Path, about: dict[str, Any]) -> None:
