@@ -1,23 +1,46 @@
-"""Matches a factor graph saved by S-Graphs with a building's plan and anchors it there.
+"""Matches a factor graph saved by S-Graphs, which has no clouds, with a building's plan and anchors it there.
 
     python examples/anchor_s_graphs.py GRAPH.g2o PLAN.json
 
 PLAN is an A-graph: a run's a_graph.json, or a file with the key `a_graph`. Prints the keyframe poses in building
-coordinates, as `id x y z qx qy qz qw`.
+coordinates, as `id x y z qx qy qz qw`; z is relative to the first keyframe, since walls do not determine the height.
 """
 
 import sys
 
-import numpy as np
+import gtsam
+from gtsam.symbol_shorthand import B, O, P, W, X
 
+import factors
 from data import SceneGraph
 from data.common.cli import run_command
 from data.common.errors import UserError
 from data.geometry.poses import poses_to_xyzquat
-from data.scene_graph.g2o import plane_of, read_g2o
+from data.scene_graph.g2o import PlaneGraph, plane_of, read_g2o
 from matching import Matcher
-from sgslam.backend import anchor_plane_graph
-from sgslam.geometry.frames import se2_to_se3
+
+STEP, FIXED = factors.noise_of_pose(0.01, 0.05), factors.noise_of_pose(1e-4, 1e-4)
+OWN, AGAIN = factors.noise_of_plane(0.01, 0.02, None), factors.noise_of_plane(0.01, 0.02, 1.345)
+
+
+def own_factors(graph: PlaneGraph) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values, dict[int, int]]:
+    """Motions and planes for GTSAM, and the keyframe in whose frame each plane is: the first that saw it."""
+    found, values, keeper = gtsam.NonlinearFactorGraph(), gtsam.Values(), dict[int, int]()
+    for key, pose in ((O(0), gtsam.Pose3()), *((X(i), gtsam.Pose3(T)) for i, T in graph.keyframes.items())):
+        values.insert(key, pose)
+    for key in (O(0), X(min(graph.keyframes))):
+        found.add(gtsam.PriorFactorPose3(key, values.atPose3(key), FIXED))
+    for step in graph.steps:
+        found.add(gtsam.BetweenFactorPose3(X(step.first), X(step.second), gtsam.Pose3(step.T_first_second), STEP))
+    for seen in graph.seen:
+        plane, at = P(seen.plane), X(seen.keyframe)
+        if seen.plane not in keeper:
+            keeper[seen.plane] = seen.keyframe
+            values.insert(plane, gtsam.OrientedPlane3(seen.plane_in_sensor))
+            found.add(factors.observe_own_plane(seen.plane_in_sensor, O(0), plane, OWN))
+        else:
+            found.add(factors.observe_plane(seen.plane_in_sensor, at, X(keeper[seen.plane]), plane, AGAIN))
+    return found, values, keeper
 
 
 def main() -> None:
@@ -27,24 +50,25 @@ def main() -> None:
     graph, plan = read_g2o(sys.argv[1]), SceneGraph.load(sys.argv[2], "a_graph")
     for line in graph.refused:
         print(f"left out, {line}", file=sys.stderr)
-
-    match = Matcher.load().match(graph.scene_graph(), plan)
+    s_graph = graph.scene_graph()
+    match = Matcher.load().match(s_graph, plan)
     print(f"{match.status}: {match.reason}", file=sys.stderr)
-    if match.status != "unique" or match.T_a_s is None:
+    if match.status != "unique":
         raise UserError(f"the map has no unique match in {sys.argv[2]}: {match.reason}")
 
-    pairs = [(plane_of(s_id), plan.surface_by_id[a_id]) for s_id, a_id, _ in match.wall_surfaces]
-    anchored = anchor_plane_graph(graph, pairs, se2_to_se3(*match.T_a_s))
-
-    planes_before = {plane: se2_to_se3(*match.T_a_s) for plane in graph.planes}
-    off = [
-        (abs(np.linalg.inv(planes_before[p]).T @ graph.planes[p] @ [*wall.centroid, 0, 1]),
-         abs(anchored.planes[p] @ [*wall.centroid, 0, 1]))
-        for p, wall in pairs
-    ]  # fmt: skip
-    before, after = 1000 * np.median(off, axis=0)
-    print(f"median distance of walls from the plan: {before:.0f} mm matched, {after:.0f} mm anchored", file=sys.stderr)
-    for number, pose in anchored.keyframes.items():
+    whole, values, keeper = own_factors(graph)
+    keys = {
+        wall.id: factors.PlaneKeys(P(plane), X(keeper[plane]), W(k))
+        for k, wall in enumerate(s_graph.wall_surfaces)
+        if (plane := plane_of(wall.id)) in keeper
+    }
+    anchors = factors.anchors_of(match, plan, keys, values, B(0))
+    whole.push_back(anchors.graph())
+    values.insert(anchors.start)
+    anchored = gtsam.LevenbergMarquardtOptimizer(whole, values).optimize()
+    T_bim_map = anchored.atPose3(B(0)).inverse()
+    for number in graph.keyframes:
+        pose = T_bim_map.compose(anchored.atPose3(X(number))).matrix()
         print(number, *(f"{value:.6f}" for value in poses_to_xyzquat(pose)))
 
 

@@ -3,15 +3,12 @@
 from sgslam.backend.backend import Backend
 from sgslam.backend.covariances import Uncertainty
 from sgslam.backend.factor_log import FactorEvent, FactorLog
-from sgslam.backend.plane_graph import AnchoredPlaneGraph, anchor_plane_graph
 from sgslam.backend.pose_graph import write_pose_graph
 
 __all__ = [
-    "AnchoredPlaneGraph",
     "Backend",
     "FactorEvent",
     "FactorLog",
     "Uncertainty",
-    "anchor_plane_graph",
     "write_pose_graph",
 ]

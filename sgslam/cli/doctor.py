@@ -30,7 +30,6 @@ EXTRAS = {
     "mesh": "COLLADA meshes of buildings",
     "view": "runs shown in the browser",
     "evalio": "evalio's data sets, and our tracking beside its odometries",
-    "foxglove": "finished runs as MCAP for Foxglove",
     "open3d": "distances of the map from the model, and a desktop viewer",
     "rerun": "runs as recordings for the Rerun viewer",
     "torch": "training the matcher, and the published network",

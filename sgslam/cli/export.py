@@ -93,22 +93,6 @@ def map_points(run: "RunFolder", voxel: float) -> "tuple[NDArray[np.float64], ND
     return *cloud_map(clouds, run.poses_by_keyframe, voxel), len(clouds)
 
 
-def _pdf(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
-    from sgslam.report.pdf import FILE, report_data, write_pdf
-
-    count = write_pdf(report_data(run), run.path / FILE)
-    return [f"{run.path / FILE}: {count} pages"]
-
-
-def _mcap(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
-    from sgslam.export.foxglove import FILE, write_mcap
-
-    points, *_ = map_points(run, voxel or run.config.clouds.map_voxel)
-    trajectory = _trajectory(run)
-    count = write_mcap(run.path / FILE, run, trajectory, points)
-    return [f"{run.path / FILE}: {count} messages, {len(trajectory)} poses, {len(points)} points"]
-
-
 def _dsg(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
     from data.common.files import write_json
     from sgslam.export.dsg import FILE, dsg
@@ -116,14 +100,6 @@ def _dsg(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
     graph = dsg(run)
     write_json(run.path / FILE, graph)
     return [f"{run.path / FILE}: {len(graph['nodes'])} nodes, {len(graph['edges'])} edges"]
-
-
-def _graphml(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
-    from data.common.files import write_atomically
-    from sgslam.export.graphml import FILE, graphml
-
-    write_atomically(run.path / FILE, graphml(run))
-    return [f"{run.path / FILE}: floors, rooms, wall surfaces, doors and keyframes"]
 
 
 def _g2o(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
@@ -190,11 +166,23 @@ def _cloud_to_model(run: "RunFolder", bim: Path | None, voxel: float | None) -> 
 
 
 FORMATS: dict[str, Callable[["RunFolder", Path | None, float | None], list[str]]] = {
-    "kitti": _kitti, "euroc": _euroc, "ply": _ply, "dsg": _dsg, "graphml": _graphml, "g2o": _g2o, "mcap": _mcap,
-    "pdf": _pdf, "ifc": _ifc, "bcf": _bcf, "cloud-to-model": _cloud_to_model,
+    "kitti": _kitti, "euroc": _euroc, "ply": _ply, "dsg": _dsg, "g2o": _g2o, "ifc": _ifc, "bcf": _bcf,
+    "cloud-to-model": _cloud_to_model,
 }  # fmt: skip
 _NEED_MODEL = {"ifc", "bcf", "cloud-to-model"}
-_NEED_PACKAGE = {"mcap": "mcap", "cloud-to-model": "open3d"}
+_NEED_PACKAGE = {"cloud-to-model": "open3d"}
+_GONE = {
+    "graphml": "read s_graph.json",
+    "mcap": "use sgslam run --rerun FILE, or sgslam view OUT",
+    "pdf": "print report.html from a browser",
+}  # what to use instead
+
+
+def _format(name: str) -> str:
+    """A name of a format as an option of the command line."""
+    if name in _GONE:
+        raise argparse.ArgumentTypeError(f"{name} is gone; {_GONE[name]}")
+    return name
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -202,7 +190,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m sgslam.cli.export", description=about)
     add = parser.add_argument
     add("--out", type=Path, required=True, metavar="DIR", help="--out folder of a run; the files are written into it")
-    add("--format", nargs="+", choices=[*FORMATS, "all"], default=["ifc", "bcf"], metavar="NAME",
+    add("--format", nargs="+", type=_format, choices=[*FORMATS, "all"], default=["ifc", "bcf"], metavar="NAME",
         help=f"one or more of {', '.join(FORMATS)}, or all (default: ifc bcf)")  # fmt: skip
     add("--bim", type=Path, metavar="FILE", help="the run's IFC model; needed for ifc, bcf and cloud-to-model")
     add("--voxel", type=float, metavar="M", help="voxel size of the point cloud, metres (default: the run's)")

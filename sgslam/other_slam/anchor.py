@@ -1,7 +1,7 @@
 """`python -m sgslam.other_slam.anchor OUTPUT --bim FILE`: another SLAM's finished output in, anchored poses out.
 
-OUTPUT is a file of poses (TUM, KITTI's poses, EuRoC's CSV), KISS-SLAM's folder of results, GLIM's dump, or a factor
-graph of S-Graphs (`.g2o`).
+OUTPUT is a file of poses (TUM, KITTI's poses, EuRoC's CSV), KISS-SLAM's folder of results, GLIM's dump, or a pose graph
+(`.g2o`) with a cloud for each vertex.
 """
 
 from dataclasses import replace
@@ -31,9 +31,8 @@ def main(arguments: list[str] | None = None) -> int:
     if given.bim is None:
         raise UserError("--bim is missing; give the plan to which the poses are to be anchored")
     if given.slam_output.suffix.lower() == _GRAPH and given.scan_dir is None:
-        from sgslam.other_slam.plane_graph import anchor_file
-
-        return anchor_file(given)
+        without = f"{given.slam_output}: a graph without clouds is no longer anchored by this command"
+        raise UserError(f"{without}; give --scans, or see examples/anchor_s_graphs.py")
     options = RunOptions.of(given)
     settings = (_POSES_AS_GIVEN, _EACH_A_KEYFRAME if options.scan_dir is None else _REGISTERED)
     return execute(replace(options, set=(*settings, *options.set)))

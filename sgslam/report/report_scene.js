@@ -184,6 +184,6 @@ canvas.addEventListener("keydown", (event) => {
 for (const box of document.querySelectorAll("[data-solid]")) {
   box.addEventListener("change", () => { hidden[box.checked ? "delete" : "add"](box.dataset.solid); redraw(); });
 }
-new ResizeObserver(redraw).observe(canvas);
+new ResizeObserver(draw).observe(canvas); // at once: a printer does not wait for the next frame
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
 }

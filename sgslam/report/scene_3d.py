@@ -51,7 +51,7 @@ def scene_card(drawing: PlanDrawing) -> str:
         '<canvas id="scene" tabindex="0" role="img" '
         f'aria-label="{escape(drawing.heading)}, in 3D; arrow keys rotate, plus and minus zoom"></canvas>'
         f'<div class="legend">{"".join(switches)}</div>'
-        '<p class="muted">Drag to rotate, scroll or pinch to zoom, drag with Shift or two fingers to move, '
+        '<p class="muted hint">Drag to rotate, scroll or pinch to zoom, drag with Shift or two fingers to move, '
         "double click to reset. Walls seen from behind are only outlined.</p>"
     )
 

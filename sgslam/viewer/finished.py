@@ -24,13 +24,12 @@ from sgslam.session import Snapshot
 from sgslam.session.checkpoints import about_run
 from sgslam.viewer.page import Page
 from sgslam.viewer.panel import Panel
-from sgslam.viewer.scene import RunScene, rgb
+from sgslam.viewer.scene import SCAN_POINTS, RunScene, rgb
 from sgslam.viewer.shapes import path_lines
 
 Floats = NDArray[np.float64]
 STEP_S = 0.1  # between two frames of the playback
 SPEEDS = ("1x", "4x", "16x", "64x")
-SCAN_POINTS = 4000  # of the newest scan, about
 MOST_STEPS = 2000  # of the time slider
 EARLIER, RED = rgb("#a78bfa"), rgb("#d64045")
 

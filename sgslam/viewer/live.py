@@ -4,7 +4,7 @@ import contextlib
 import logging
 import queue
 import threading
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter, sleep, thread_time
 from typing import TYPE_CHECKING
@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 
 from data import SceneGraph
 from data.trajectory import Trajectory
+from sgslam.geometry.frames import inverse
+from sgslam.report import associate
 from sgslam.report.number_formats import metres
 from sgslam.session import Snapshot
-from sgslam.viewer.errors import CURRENT, LiveErrors, rms
-from sgslam.viewer.finished import RED, SCAN_POINTS, FinishedRun, FinishedView
+from sgslam.viewer.finished import RED, FinishedRun, FinishedView
 from sgslam.viewer.page import Page, parse_address, serve_until_interrupted
 from sgslam.viewer.panel import Panel
-from sgslam.viewer.scene import RunScene
+from sgslam.viewer.scene import SCAN_POINTS, RunScene, with_rooms
 
 if TYPE_CHECKING:
     from sgslam.session import Update
@@ -30,6 +31,7 @@ Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 EVERY_S = 0.4  # between two frames, at least
 SHARE = 0.03  # of one core that drawing may take, and that snapshots may take
+LIVE, CURRENT = "live", "current estimate"
 NEW_CLOUDS = 12  # scans drawn at once, at most
 
 
@@ -68,10 +70,7 @@ class LiveView:
         if perf_counter() < self._due or self._moments.full() or not self._thread.is_alive():
             return
         began = thread_time()
-        now = slam.snapshot()
-        if now.plan is None:  # without a plan, rooms are segmented only at the end
-            current = slam.s_graph()
-            now = replace(now, graphs=tuple(current.on_floor(floor.id) for floor in current.floors))
+        now = with_rooms(slam)
         some = points[:: max(1, len(points) // SCAN_POINTS)]
         self._moments.put(_Moment(now, update.T_map_sensor, slam.T_bim_map, some, self._scans))
         self._due = perf_counter() + _pause(thread_time() - began)
@@ -145,3 +144,58 @@ def open_page(at: str) -> Page:
     page = Page(parse_address(at))
     print(f"view: {page.url}", flush=True)
     return page
+
+
+class LiveErrors:
+    """Position errors against `truth` (T_bim_sensor).
+
+    While the map is not anchored, its first pose is set to the true one, so that the error is the drift.
+    """
+
+    def __init__(self, truth: Trajectory) -> None:
+        self._truth = truth
+        self._stamps: list[int] = []
+        self._poses: list[Floats] = []
+        self._places: list[Floats | None] = []
+
+    def add(self, stamp_ns: int, T_map_sensor: Floats, T_bim_map: Floats | None) -> None:
+        """Adds the live pose of a scan."""
+        self._stamps.append(stamp_ns)
+        self._poses.append(T_map_sensor)
+        self._places.append(T_bim_map)
+
+    def lines(
+        self, keyframes_ns: NDArray[np.int64], keyframes: Floats, T_bim_map: Floats | None
+    ) -> tuple[Floats, dict[str, Floats]]:
+        """Seconds (N,) since the first scan, and errors (N,) in metres by name: of the live poses, and of the current
+        trajectory through the keyframes (K, 4, 4) T_map_sensor. NaN where there is no truth."""
+        count = len(self._stamps)  # the run may add scans meanwhile
+        stamps, poses = np.array(self._stamps[:count], dtype=np.int64), np.array(self._poses[:count])
+        ours, true = associate(stamps, self._truth.stamps_ns)
+        if not len(ours):
+            return np.empty(0), {}
+        start = self._truth.poses[true[0]] @ inverse(poses[ours[0]])
+        T = np.array([start if place is None else place for place in self._places[:count]])
+        places = (T @ poses[:, :, 3, None])[:, :3, 0]
+        live = np.full(count, np.nan)
+        live[ours] = np.linalg.norm(places[ours] - self._truth.positions[true], axis=1)
+        seconds = (stamps - stamps[0]) / 1e9
+        current = self._of_keyframes(keyframes_ns, keyframes, start if T_bim_map is None else T_bim_map)
+        known = np.isfinite(current)
+        if not known.any():
+            return seconds, {LIVE: live}
+        at = (keyframes_ns[known] - stamps[0]) / 1e9
+        return seconds, {LIVE: live, CURRENT: np.interp(seconds, at, current[known])}
+
+    def _of_keyframes(self, stamps: NDArray[np.int64], poses: Floats, T_bim_map: Floats) -> Floats:
+        errors = np.full(len(stamps), np.nan)
+        ours, true = associate(stamps, self._truth.stamps_ns)
+        places = (T_bim_map @ poses[ours][:, :, 3, None])[:, :3, 0]
+        errors[ours] = np.linalg.norm(places - self._truth.positions[true], axis=1)
+        return errors
+
+
+def rms(errors: Floats) -> float:
+    """The root mean square of the finite values; NaN if there are none."""
+    known = errors[np.isfinite(errors)]
+    return float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")

@@ -1,5 +1,8 @@
 """The 3D scene of a run: the plan's storeys with the map on or beside them, and its matches."""
 
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,6 +26,9 @@ from sgslam.viewer.shapes import (
     wall_quads,
 )
 
+if TYPE_CHECKING:
+    from sgslam.slam import SceneGraphSlam
+
 Floats = NDArray[np.float64]
 LAYERS = {
     "plan": "plan", "walls": "mapped walls", "rooms": "rooms", "names": "names", "scans": "scans",
@@ -30,12 +36,22 @@ LAYERS = {
 }  # fmt: skip
 ROOMS = ("#e6862b", "#3f78c9", "#45a35a", "#b45cc0", "#c9a227", "#2aa6a1", "#d65a5a", "#7a6fd0", "#8a9a2f", "#c4608f")
 GHOSTS = 4  # hypotheses drawn
+SCAN_POINTS = 4000  # of the newest scan, about
 ABOVE_FLOOR = 0.02  # m, of filled areas, so that those of plan and map do not flicker
 
 
 def rgb(text: str) -> Colour:
     """Parses a colour `#rrggbb`."""
     return int(text[1:3], 16), int(text[3:5], 16), int(text[5:7], 16)
+
+
+def with_rooms(slam: "SceneGraphSlam") -> Snapshot:
+    """The run as it is now. Without a plan, rooms are segmented only at the end, and now for this."""
+    now = slam.snapshot()
+    if now.plan is not None:
+        return now
+    graph = slam.s_graph()
+    return replace(now, graphs=tuple(graph.on_floor(floor.id) for floor in graph.floors))
 
 
 class RunScene:

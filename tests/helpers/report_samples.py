@@ -6,11 +6,14 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from data.scene_graph import Floor
 from data.trajectory import Trajectory
 from sgslam.as_built.elements import ElementVerdict, Verdict
 from sgslam.report import ReportData, RunFolder
-from sgslam.report.pdf import report_data
+from sgslam.report.elements import shown_as_element
+from sgslam.report.scan_states import ScanStates
 
 LOST, APART = slice(100, 130), slice(190, 220)  # of the scans of `with_lost_scans`
 
@@ -20,6 +23,19 @@ def reported(run: Path) -> ReportData:
     data = report_data(RunFolder.read(run / "out"))
     anchors = [anchor(wall, a_id) for wall, (a_id, _) in data.pairs("wall_surfaces").items()]
     return replace(data, truth=Trajectory.read_tum(run / "truth.tum"), anchors=anchors)
+
+
+def report_data(run: RunFolder) -> ReportData:
+    """A finished run, without ground truth and without the log of its anchors."""
+    in_map, odometry = (Trajectory.read_tum(run.path / f"trajectory_{name}.tum") for name in ("map", "odometry"))
+    table = np.genfromtxt(run.path / "trajectory_sigma.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
+    sigma = np.stack([table["sigma_x_m"], table["sigma_y_m"]], axis=1)
+    seconds = table["stamp_s"] - table["stamp_s"][:1]
+    return ReportData(
+        run.a_graph, run.s_graph, in_map, odometry, None, run.T_bim_map, run.matches, run.metrics, run.deviations,
+        ScanStates(seconds, table["health"] == "lost", table["part"], sigma),
+        elements=[*run.elements, *map(shown_as_element, run.unplanned)],
+    )  # fmt: skip
 
 
 def anchor(wall: str, a_id: str, withdrawn: str | None = None) -> dict[str, Any]:

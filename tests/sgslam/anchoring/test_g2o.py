@@ -1,4 +1,4 @@
-"""Factor graphs of S-Graphs: what is read, what is refused, where they are anchored."""
+"""Factor graphs of S-Graphs: what is read, what is refused."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -10,8 +10,6 @@ from g2o_files import T_BIM_MAP, LoopBuilding, drawn_graph
 from data.common.errors import UserError
 from data.scene_graph import SceneGraph
 from data.scene_graph.g2o import PlaneGraph, plane_of, read_g2o
-from matching import Matcher
-from sgslam.backend import anchor_plane_graph
 
 SE2 = Path(__file__).parents[4] / "shared/data/slam_graphs"
 DRAWN = drawn_graph()
@@ -95,31 +93,6 @@ def test_edges_with_numbers_that_were_never_set_are_refused(tmp_path: Path) -> N
     graph = read(DRAWN, tmp_path, "EDGE_SE3_PLANE 100 200 1 0 0 3.3e-312 10 0 0 10 0 10")
     reason = f"line {len(DRAWN.lines) + 1}: EDGE_SE3_PLANE of 100 and 200 holds a number that was never set (3.3e-312)"
     assert len(graph.seen) == 24 and graph.refused == (reason,)
-
-
-def test_anchors_correct_the_drift_of_the_map_and_a_wall_built_elsewhere_does_not_distort_it(tmp_path: Path) -> None:
-    graph, surfaces = read(DRAWN, tmp_path), DRAWN.plan.surface_by_id
-    match = Matcher.load().match(graph.scene_graph(), DRAWN.plan)
-    assert match.status == "unique", match.reason
-    pairs = {plane_of(s): a for s, a, _ in match.wall_surfaces}
-    assert pairs.items() <= DRAWN.pairs.items() and len(pairs) >= 8
-
-    def off(keyframes: dict[int, np.ndarray]) -> float:
-        return max(float(np.linalg.norm((keyframes[i] - T)[:2, 3])) for i, T in DRAWN.keyframes.items())
-
-    planned = [(plane, surfaces[a]) for plane, a in DRAWN.pairs.items()]
-    anchored = anchor_plane_graph(graph, planned, T_BIM_MAP)
-    assert off({i: T_BIM_MAP @ T for i, T in graph.keyframes.items()}) > 0.05 and off(anchored.keyframes) < 0.005
-    for plane, wall in planned:
-        assert abs(anchored.planes[plane] @ [*wall.centroid, 0, 1]) < 0.005
-    x, y = surfaces["b1"].centroid
-    moved = replace(surfaces["b1"], centroid=(x + 0.3, y))
-    otherwise = anchor_plane_graph(graph, [(p, moved if w.id == "b1" else w) for p, w in planned], T_BIM_MAP)
-    assert off(otherwise.keyframes) < 0.03
-    assert abs(otherwise.planes[205] @ [x, y, 0, 1]) < 0.05  # it stays where it was seen
-    one = read(DRAWN, tmp_path, "EDGE_2PLANES 200 208 3e-312 3e-312 3e-312 0.1 0 0 0.1 0 0.1")  # a0 and c0, in line
-    planes = anchor_plane_graph(one, planned, T_BIM_MAP).planes
-    np.testing.assert_array_equal(planes[200], planes[208])
 
 
 @pytest.mark.skipif(not (SE2 / "SE2_s_graph.g2o").exists(), reason=f"{SE2}/SE2_s_graph.g2o is not there")

@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 from commands import called
 from drives import off, small_drive
-from g2o_files import drawn_graph
 from slam_outputs import SlamOutput, slam_output, write_poses
 from small_ifc import write_small_ifc
 
-from data.geometry.poses import xyzquat_to_poses
 from data.scans.ply import write_ply
 from data.trajectory import Trajectory
 from sgslam.cli.job.run import Interruption
@@ -98,16 +96,3 @@ def test_what_was_interrupted_is_continued_to_the_same_end(
     assert done.returncode == 0, done.stderr
     for name in ("trajectory.tum", "trajectory_all.tum"):
         assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
-
-
-def test_a_graph_of_s_graphs_is_anchored_by_its_planes_or_not_at_all(building: Path, tmp_path: Path) -> None:
-    drawn = drawn_graph()
-    graph, plan = drawn.write(tmp_path)
-    assert anchored(plan, tmp_path / "out", graph)["keyframes"] == len(drawn.keyframes)
-    rows = np.loadtxt(tmp_path / "out/keyframes.txt")
-    found = dict(zip(rows[:, 0].astype(int).tolist(), xyzquat_to_poses(rows[:, 1:]), strict=True))
-    errors = [np.linalg.norm((found[i] - true)[:2, 3]) for i, true in drawn.keyframes.items()]
-    assert max(errors) < 0.01
-    done = called(COMMAND, graph, "--bim", building, "--out", tmp_path / "elsewhere", "--strict")
-    assert done.returncode == 3 and not (tmp_path / "elsewhere/keyframes.txt").exists()
-    assert not json.loads((tmp_path / "elsewhere/metrics.json").read_text())["anchored"]

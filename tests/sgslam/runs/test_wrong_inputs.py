@@ -118,7 +118,7 @@ ANCHOR, LIVE, VIEW = "sgslam.other_slam.anchor", "sgslam.live", "sgslam.cli.view
         (f"{ANCHOR} poses.tum --scans clouds", "--bim is missing"),
         (f"{ANCHOR} nothing --bim small.ifc", "neither KISS-SLAM's"),
         (f"{ANCHOR} poses.kitti --scans clouds --bim small.ifc", "poses for the"),
-        (f"{ANCHOR} graph.g2o --bim plan.json --mount 0,0,0", "has no effect"),
+        (f"{ANCHOR} graph.g2o --bim plan.json", "give --scans"),
         (f"{LIVE} scans --topic /points", "--topic /points: a folder has no topics"),
         (f"{LIVE} scans --bim empty.json", "empty.json"),
         (f"{LIVE} none", "none: does not exist"),
