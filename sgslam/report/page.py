@@ -37,7 +37,7 @@ def report_html(data: ReportData) -> str:
         layers=present_layers(drawings), with_deviations=any(one.with_deviations for one in drawings),
         bands=band_labels(), limits=[*(f"{MINUS}{mm}" for mm in reversed(LIMITS_MM)), *(f"+{mm}" for mm in LIMITS_MM)],
         verdict_labels={verdict: verdict for verdict in VERDICTS},
-        scene_layers=scene_layers(drawing, scene), errors=error_chart(data, lines) if lines else "",
+        scene_layers=scene_layers(drawing, scene), errors=error_chart(data, lines) if lines else "", error_lines=lines,
         other_floors=[(other.heading, plan_svg(other, f"plan-{k}")) for k, other in enumerate(others, 1)],
         deviations=data.deviations, significant=sum(bool(d["significant"]) for d in data.deviations),
         deviation_rows=deviation_rows, deviation_looks=deviation_looks, summary=tables.summary_rows(data),

@@ -123,5 +123,12 @@ def draw_names(axes: Any, drawing: PlanDrawing, points_per_metre: float) -> None
                 continue
             side = "top" if of_map and room.matched else "center" if of_map else "bottom"
             # parse_math: a dollar sign in a name starts no formula
-            style = {"va": side, "ha": "center", "fontsize": size, "color": color, "parse_math": False}
+            style = {
+                "va": side,
+                "ha": "center",
+                "fontsize": size,
+                "color": color,
+                "parse_math": False,
+                "in_layout": False,
+            }
             axes.text(*room.label, room.name, **style)
