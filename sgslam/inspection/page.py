@@ -7,7 +7,7 @@ from statistics import median_high
 from data import Floor
 from matching.ambiguity.symmetries import SimilarPlace
 from sgslam.inspection.inspection import Inspection, RoomInspection
-from sgslam.inspection.plan_svg import heat_legend, room_count_text, storey_svg
+from sgslam.inspection.plan_svg import heat_labels, room_count_text, storey_svg
 from sgslam.report.html_page import TEMPLATES
 from sgslam.report.number_formats import NOTHING
 
@@ -16,7 +16,7 @@ def inspection_html(inspection: Inspection, name: str) -> str:
     """The page; `name` is the building's. All strings from data are escaped."""
     return TEMPLATES.get_template("inspection/inspection.html").render(
         name=name, tiles=_tiles(inspection), issues=_issue_rows(inspection), storeys=_storeys(inspection),
-        similar_storeys=[_storey_row(inspection, place) for place in inspection.similar_storeys], legend=heat_legend(),
+        similar_storeys=[_storey_row(inspection, place) for place in inspection.similar_storeys], legend=heat_labels(),
     )  # fmt: skip
 
 

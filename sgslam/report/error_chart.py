@@ -25,8 +25,8 @@ LEFT, RIGHT, TOP, BOTTOM = 62, 14, 36, 40  # margins
 BINS = 220  # of time; RMS and maximum of each are drawn, so that no peak is lost
 SAMPLES = 600  # shown when pointed at
 GAP_S = 2.0  # longest time without errors over which a line is drawn
-LOG_FROM = 5.0  # ratio of the lines' errors from which the axis is logarithmic
-SMALLEST_M = 1e-3  # lower end of a logarithmic axis
+SMALLEST_M = 1e-3  # lower end of the axis
+_DIGITS = {"m": 0, "cm": 2, "mm": 3}
 
 
 @dataclass(frozen=True)
@@ -78,23 +78,14 @@ def _line(
 
 
 def error_chart(data: ReportData, lines: Sequence[ErrorLine]) -> str:
-    """The SVG element `#errors` with its legend."""
+    """The SVG element `#errors`; its template adds the legend."""
     axes = _Axes(lines)
     drawn = "".join(f'<g class="layer-{line.name}">{axes.path(line)}</g>' for line in lines)
     first = data.metrics.get("first_anchor_s")
     mark = "" if first is None or data.T_bim_map is None else axes.mark(float(first), f"first anchor, {first:.1f} s")
-    keys = "".join(
-        f'<span><svg class="key" viewBox="0 0 24 10"><g class="layer-{line.name}"><polyline points="2,5 22,5"/></g>'
-        f"</svg>{escape(line.summary())}</span>"
-        for line in lines
-    )
     return (
-        f'<div class="scroll"><svg id="errors" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" '
-        f'aria-label="position error against time">{axes.grid()}{mark}{drawn}'
-        f'<line id="cursor" y1="{TOP}" y2="{HEIGHT - BOTTOM}"/></svg></div>'
-        f'<div class="legend plain">{keys}</div>'
-        '<p class="muted" id="readout">Lines: RMS over short intervals; bands: up to the largest error. '
-        "Point at the chart to see in the plan where the sensor was at that time.</p>"
+        f'<svg id="errors" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="position error against time">'
+        f'{axes.grid()}{mark}{drawn}<line id="cursor" y1="{TOP}" y2="{HEIGHT - BOTTOM}"/></svg>'
     )
 
 
@@ -114,28 +105,21 @@ def chart_data(data: ReportData, lines: Sequence[ErrorLine], drawing: PlanDrawin
 
 
 class _Axes:
-    """Seconds on x; metres on y: linear, or logarithmic where one line is far below the other."""
+    """Seconds on x; on y metres, logarithmic: errors before and after anchoring differ by orders of magnitude."""
 
     def __init__(self, lines: Sequence[ErrorLine]) -> None:
         self.start = min(0.0, *(float(line.seconds[0]) for line in lines))
         self.end = max(float(line.seconds[-1]) for line in lines)
-        tops = [max(float(np.percentile(line.errors, 95)), 1e-9) for line in lines]
-        self.log = max(tops) > LOG_FROM * min(tops)
-        largest = max(float(line.errors.max()) for line in lines)
-        if self.log:
-            smallest = max(min(float(np.percentile(line.errors, 2)) for line in lines), SMALLEST_M)
-            low, high = math.floor(math.log10(smallest)), math.ceil(math.log10(max(largest, 10 * smallest)))
-            self.ticks = [10.0**k for k in range(low, high + 1)]
-        else:
-            self.ticks = _round_ticks(0.0, max(largest, SMALLEST_M), 5)
+        smallest = max(min(float(np.percentile(line.errors, 2)) for line in lines), SMALLEST_M)
+        largest = max(*(float(line.errors.max()) for line in lines), 10 * smallest)
+        self.decades = math.floor(math.log10(smallest)), math.ceil(math.log10(largest))
 
     def x(self, seconds: Any) -> Any:
         return LEFT + (seconds - self.start) / max(self.end - self.start, 1e-9) * (WIDTH - LEFT - RIGHT)
 
     def y(self, errors: Any) -> Any:
-        low, high = self.ticks[0], self.ticks[-1]
-        share = np.clip(errors, low, high)
-        share = np.log(share / low) / np.log(high / low) if self.log else share / high
+        low, high = self.decades
+        share = (np.log10(np.clip(errors, 10.0**low, 10.0**high)) - low) / (high - low)
         return HEIGHT - BOTTOM - share * (HEIGHT - BOTTOM - TOP)
 
     def path(self, line: ErrorLine) -> str:
@@ -152,18 +136,20 @@ class _Axes:
 
     def grid(self) -> str:
         """Lines and labels of both axes."""
+        from matplotlib.ticker import MaxNLocator
+
         parts = []
-        for tick in self.ticks:
-            y = float(self.y(tick))
+        for decade in range(self.decades[0], self.decades[1] + 1):
+            y, unit = float(self.y(10.0**decade)), "m" if decade >= 0 else "cm" if decade >= -2 else "mm"
             parts.append(f'<line class="rule" x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{y:.1f}" y2="{y:.1f}"/>')
-            parts.append(f'<text class="end" x="{LEFT - 8}" y="{y:.1f}" dy="0.35em">{_tick_text(tick)}</text>')
-        for tick in _round_ticks(self.start, self.end, 8):
+            text = f"{10.0 ** (decade + _DIGITS[unit]):g} {unit}"
+            parts.append(f'<text class="end" x="{LEFT - 8}" y="{y:.1f}" dy="0.35em">{text}</text>')
+        for tick in MaxNLocator(8).tick_values(self.start, self.end):
             if self.start <= tick <= self.end:
                 parts.append(f'<text x="{self.x(tick):.1f}" y="{HEIGHT - BOTTOM + 18}">{tick:g}</text>')
         middle = (LEFT + WIDTH - RIGHT) / 2
         parts.append(f'<text x="{middle:.1f}" y="{HEIGHT - 4}">seconds since the first scan</text>')
-        scale = "position error, logarithmic" if self.log else "position error"
-        return "".join(parts) + f'<text class="begin" x="{LEFT}" y="12">{scale}</text>'
+        return "".join(parts) + f'<text class="begin" x="{LEFT}" y="12">position error, logarithmic</text>'
 
     def mark(self, seconds: float, text: str) -> str:
         """A moment in time."""
@@ -189,21 +175,3 @@ def _binned(line: ErrorLine, start: float, end: float) -> Array:
 
 def _points(xy: Array) -> str:
     return " ".join(f"{x:.1f},{y:.1f}" for x, y in xy)
-
-
-def _round_ticks(low: float, high: float, count: int) -> list[float]:
-    """About `count` round steps from at or below `low` to at or above `high`."""
-    rough = max(high - low, 1e-9) / count
-    power = 10.0 ** math.floor(math.log10(rough))
-    step = next(s * power for s in (1, 2, 5, 10) if s * power >= rough * 0.999)
-    first, last = math.floor(low / step), math.ceil(high / step - 1e-9)
-    return [k * step for k in range(first, max(last, first + 1) + 1)]
-
-
-def _tick_text(value: float) -> str:
-    if value == 0:
-        return "0"
-    for unit, size in (("m", 1.0), ("cm", 0.01)):
-        if value >= size * 0.999:
-            return f"{value / size:g} {unit}"
-    return f"{value * 1000:g} mm"

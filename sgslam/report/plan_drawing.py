@@ -16,7 +16,7 @@ from sgslam.as_built.deviation_bands import band_of, deviation_text
 from sgslam.geometry.frames import transform_points
 from sgslam.report.contents import ReportData, current_storey, placement
 from sgslam.report.drawn_paths import DrawnPath, PathKind, drawn_paths, subsample, uncertainty_band
-from sgslam.report.elements import DrawnElement, drawn_elements, element_name
+from sgslam.report.elements import DrawnElement, drawn_elements, element_name, slug
 
 Array = NDArray[np.float64]
 MAX_KEYFRAMES = 1000
@@ -85,6 +85,21 @@ class DrawnRoom:
 
 
 @dataclass(frozen=True)
+class Mark:
+    """A line through `points` (N, 2), in the plan's frame, or (`closed`) the area within them. `title` is the tooltip,
+    `looks` are the style classes within its layer, `refers` the name and value of what tables refer to it by."""
+
+    points: Array
+    title: str = ""
+    closed: bool = False
+    looks: tuple[str, ...] = ()
+    refers: tuple[str, str] | None = None
+
+
+Layers = list[tuple[str, list[Mark]]]  # by name, from bottom to top
+
+
+@dataclass(frozen=True)
 class PlanDrawing:
     """One storey.
 
@@ -97,13 +112,13 @@ class PlanDrawing:
     heading: str
     bim_walls: tuple[DrawnWall, ...]
     bim_rooms: tuple[DrawnRoom, ...]
-    map_walls: tuple[DrawnWall, ...]
-    map_rooms: tuple[DrawnRoom, ...]
-    match_lines: Array
-    paths: dict[PathKind, list[DrawnPath]]
-    keyframes: Array
-    floor_z: float
-    labels: dict[str, str]
+    map_walls: tuple[DrawnWall, ...] = ()
+    map_rooms: tuple[DrawnRoom, ...] = ()
+    match_lines: Array = field(default_factory=lambda: np.empty((0, 2, 2)))
+    paths: dict[PathKind, list[DrawnPath]] = field(default_factory=dict)
+    keyframes: Array = field(default_factory=lambda: np.empty((0, 3)))
+    floor_z: float = 0.0
+    labels: dict[str, str] = field(default_factory=dict)
     T_plan_map: Array = field(default_factory=lambda: np.eye(4))
     withdrawn: tuple[DrawnWall, ...] = ()
     band: Sequence[Array] = ()
@@ -134,10 +149,45 @@ class PlanDrawing:
         low, high = self.bounds()
         return np.round((low + high) / 2)
 
+    def layers(self) -> Layers:
+        """All that is drawn but the names of rooms and the trajectory's uncertainty."""
+        lines = {kind: [Mark(path.points[:, :2], path.title) for path in own] for kind, own in self.paths.items()}
+        if way := lines.get("trajectory"):  # lines of no length: dots
+            places = (("start", way[0].points[0]), ("end", way[-1].points[-1]))
+            way += [Mark(np.stack([place, place]), name, looks=(name,)) for name, place in places]
+        elements = [
+            Mark(e.outline, e.title, True, (f"verdict-{slug(e.verdict)}", *["flat"] * e.flat), ("element", e.global_id))
+            for e in sorted(self.elements, key=lambda e: not e.flat)
+        ]
+        return [
+            ("rooms-matched", _outlines(r for r in self.bim_rooms if r.matched)),
+            ("map-rooms", _outlines(self.map_rooms)),
+            ("bim-walls", [Mark(w.ends, w.title) for w in self.bim_walls]),
+            ("elements", elements),
+            ("anchors-withdrawn", [Mark(w.ends, w.title) for w in self.withdrawn]),
+            ("walls-unmatched", _mapped(w for w in self.map_walls if not w.matched)),
+            ("walls-matched", _mapped(w for w in self.map_walls if w.matched)),
+            ("matches", [Mark(line) for line in self.match_lines]),
+            *((kind, lines.get(kind, [])) for kind in ("odometry", "trajectory", "lost", "truth")),
+        ]
+
     @property
     def with_deviations(self) -> bool:
         """Whether any mapped wall has a known deviation from the plan."""
         return any(w.band for w in self.map_walls)
+
+
+def _outlines(rooms: Iterable[DrawnRoom]) -> list[Mark]:
+    return [Mark(r.outline, r.title, True) for r in rooms if r.outline is not None]
+
+
+def _mapped(walls: Iterable[DrawnWall]) -> list[Mark]:
+    """Significant ones last, on top."""
+    return [
+        Mark(w.ends, w.title, False, (*([f"band-{w.band}"] if w.band else []), *["significant"] * w.significant),
+             ("wall", w.id))
+        for w in sorted(walls, key=lambda w: w.significant)
+    ]  # fmt: skip
 
 
 def plan_drawing(data: ReportData) -> PlanDrawing:
@@ -156,7 +206,7 @@ def plan_drawing(data: ReportData) -> PlanDrawing:
     return PlanDrawing(
         heading,
         bim_walls,
-        tuple(_room(r, np.eye(4), r.id in taken_a, names[r.id]) for r in rooms_a),
+        tuple(planned_room(r, r.id in taken_a) for r in rooms_a),
         mapped_walls(data, T_plan_map, floor_z),
         tuple(_room(r, T_plan_map, r.id in matched_rooms, _pair_title(data, r.id, matched_rooms, names),
                     labels.get(matched_rooms.get(r.id, ("", 0.0))[0])) for r in data.s_graph.rooms),
@@ -181,6 +231,11 @@ def _labels(data: ReportData) -> dict[str, str]:
 def planned_wall(wall: WallSurface) -> DrawnWall:
     """A wall surface of the BIM, in the BIM frame."""
     return _wall(wall, np.eye(4), 0.0, False, f"{wall.id} {wall.source}")
+
+
+def planned_room(room: Room, matched: bool = False) -> DrawnRoom:
+    """A room of the BIM, in the BIM frame."""
+    return _room(room, np.eye(4), matched, room.name or room.id)
 
 
 def planned_walls(data: ReportData, floor: Floor | None, floor_z: float) -> tuple[DrawnWall, ...]:

@@ -1,6 +1,7 @@
 """`plan.png`: the floor plan drawn with matplotlib, without a display."""
 
 import io
+import math
 from pathlib import Path
 from typing import Any
 
@@ -10,20 +11,30 @@ from data.common.files import write_atomically
 from sgslam.as_built.deviation_bands import BANDS, band_labels
 from sgslam.report.contents import ReportData, split_by_floor
 from sgslam.report.drawn_paths import PathKind
-from sgslam.report.plan_drawing import DrawnWall, PlanDrawing, plan_drawing
+from sgslam.report.plan_drawing import PlanDrawing, plan_drawing
 
-LONG_SIDE_INCH, LEGEND_INCH, DPI = 12.0, 2.3, 150
+LONG_SIDE_INCH, NARROWEST_INCH, LEGEND_COLUMN_INCH, LEGEND_LINE_INCH, DPI = 12.0, 6.0, 3.1, 0.22, 150
 MARGIN = 0.03  # of the longer side
 LARGEST_TEXT, SMALLEST_TEXT = 9.0, 3.0  # points; smaller names are left out
 BIM, ROOM, MATCHED, UNMATCHED = "#a3a9b2", "#e7f3f1", "#0f8a7b", "#c0508c"
-LOST, WITHDRAWN, BAND = "#767f8a", "#ec8288", "#e2d4f7"
 BAND_COLORS = ("#1f4aa8", "#4f86d4", "#8fbbe8", MATCHED, "#eeb04e", "#dd7a1c", "#b03a10")
-PATHS: dict[PathKind, dict[str, Any]] = {  # from bottom to top
+PATHS: dict[PathKind, dict[str, Any]] = {
     "odometry": {"color": "#a78bfa", "lw": 1.1, "ls": (0, (4, 3))},
     "truth": {"color": "#1c1f23", "lw": 0.8, "ls": ":"},
-    "trajectory": {"color": "#6d28d9", "lw": 1.6, "ls": "-"},
-    "lost": {"color": LOST, "lw": 1.8, "ls": "-"},
+    "trajectory": {"color": "#6d28d9", "lw": 1.6},
+    "lost": {"color": "#767f8a", "lw": 1.8},
 }
+STYLES: dict[str, dict[str, Any]] = {  # of the layers that are drawn
+    "rooms-matched": {"fc": ROOM, "ec": "none"},
+    "map-rooms": {"fc": "none", "ec": MATCHED, "lw": 0.7, "ls": (0, (2, 2)), "alpha": 0.6},
+    "bim-walls": {"color": BIM, "lw": 3.2},
+    "anchors-withdrawn": {"color": "#ec8288", "lw": 7.0},
+    "walls-unmatched": {"color": UNMATCHED, "lw": 1.6},
+    "walls-matched": {"color": MATCHED, "lw": 1.6},
+    "matches": {"color": MATCHED, "lw": 0.6},
+    **PATHS,
+}
+UNCERTAIN, SIGNIFICANT = "#e2d4f7", 2.0  # colour of the band, and how much wider a significant wall is
 
 
 def write_plan_png(data: ReportData, path: Path | str) -> None:
@@ -38,8 +49,8 @@ def write_plan_png(data: ReportData, path: Path | str) -> None:
     margin = max(0.5, MARGIN * float(max(high - low)))
     width, height = np.maximum(high - low + 2 * margin, 1.0)
     scale = LONG_SIDE_INCH / max(width, height)
-    size = (max(width * scale, 5.0) + 1, len(drawings) * max(height * scale, 4.0) + LEGEND_INCH)
-    figure = Figure(figsize=size, layout=ConstrainedLayoutEngine(w_pad=0.15, h_pad=0.15))
+    wide = max(width * scale + 1, NARROWEST_INCH)
+    figure = Figure(layout=ConstrainedLayoutEngine(w_pad=0.15, h_pad=0.15))
     FigureCanvasAgg(figure)
     frame = "BIM" if data.a_graph is not None else "map"
     known: dict[str, Any] = {}  # legend entries by label
@@ -51,7 +62,12 @@ def write_plan_png(data: ReportData, path: Path | str) -> None:
         axes.set_ylim(low[1] - margin, high[1] + margin)
         _axes(axes, drawing.heading, frame)
         known |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
-    figure.legend(list(known.values()), list(known), loc="outside lower center", ncols=4, fontsize=9, frameon=False)
+    columns = int(min(wide // LEGEND_COLUMN_INCH, 4))  # as many as fit side by side
+    below = 1.2 + LEGEND_LINE_INCH * math.ceil(len(known) / columns)
+    figure.set_size_inches(wide, len(drawings) * max(height * scale, 4.0) + below)
+    figure.legend(
+        list(known.values()), list(known), loc="outside lower center", ncols=columns, fontsize=9, frameon=False
+    )
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=DPI)
     write_atomically(path, buffer.getvalue())
@@ -70,55 +86,32 @@ def _axes(axes: Any, heading: str, frame: str) -> None:
 def draw_plan(axes: Any, drawing: PlanDrawing) -> None:
     """Draws walls, rooms and paths."""
     from matplotlib.collections import LineCollection, PolyCollection
-
-    fills: dict[str, tuple[list[Any], dict[str, Any]]] = {
-        "rooms-matched": ([r.outline for r in drawing.bim_rooms if r.matched], {"fc": ROOM, "ec": "none"}),
-        "map-rooms": (
-            [r.outline for r in drawing.map_rooms],
-            {"fc": "none", "ec": MATCHED, "lw": 0.7, "ls": (0, (2, 2)), "alpha": 0.6},
-        ),
-    }
-    for layer, (outlines, style) in fills.items():
-        if known := [outline for outline in outlines if outline is not None]:
-            axes.add_collection(PolyCollection(known, label=drawing.labels[layer], **style))
-    matched = [w for w in drawing.map_walls if w.matched]
-    _uncertainty(axes, drawing)
-    for layer, walls, color, width in (
-        ("bim-walls", list(drawing.bim_walls), BIM, 3.2),
-        ("anchors-withdrawn", list(drawing.withdrawn), WITHDRAWN, 7.0),
-        ("walls-unmatched", [w for w in drawing.map_walls if not w.matched], UNMATCHED, 1.6),
-        ("walls-matched", [w for w in matched if w.band is None], MATCHED, 1.6),
-    ):
-        _lines(axes, walls, color, width, drawing.labels[layer])
-    for band, color in zip(BANDS, BAND_COLORS, strict=True):
-        off = [w for w in matched if w.band == band]
-        _lines(axes, off, color, [3.2 if w.significant else 1.6 for w in off], f"mapped wall, {band_labels()[band]}")
-    if len(drawing.match_lines):
-        ends, label = list(drawing.match_lines), drawing.labels["matches"]
-        axes.add_collection(LineCollection(ends, colors=MATCHED, linewidths=0.6, label=label))
-    for kind, style in PATHS.items():
-        for path in drawing.paths.get(kind, ()):
-            axes.plot(*path.points[:, :2].T, label=drawing.labels[kind], **style)
-    if "trajectory" in drawing.paths:
-        start = drawing.paths["trajectory"][0].points[0, :2]
-        axes.plot(*start, "o", ms=6, color=PATHS["trajectory"]["color"], mec="white", label="start")
-
-
-def _uncertainty(axes: Any, drawing: PlanDrawing) -> None:
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path as Outline
 
     if drawing.band:
         area = Outline.make_compound_path(*(Outline(outline, closed=True) for outline in drawing.band))
-        axes.add_patch(PathPatch(area, fc=BAND, ec="none", label=drawing.labels["uncertainty"]))
-
-
-def _lines(axes: Any, walls: list[DrawnWall], color: str, widths: float | list[float], label: str) -> None:
-    from matplotlib.collections import LineCollection
-
-    if walls:
-        ends = [w.ends for w in walls]
-        axes.add_collection(LineCollection(ends, colors=color, linewidths=widths, label=label))
+        axes.add_patch(PathPatch(area, fc=UNCERTAIN, ec="none", label=drawing.labels["uncertainty"]))
+    bands = {f"band-{band}": color for band, color in zip(BANDS, BAND_COLORS, strict=True)}
+    labels = {f"band-{band}": f"mapped wall, {text}" for band, text in band_labels().items()}
+    for layer, marks in drawing.layers():
+        style = STYLES.get(layer)
+        if style is None:
+            continue
+        looks = (None, *bands) if layer == "walls-matched" else (None,)
+        for look in looks:
+            own = [m for m in marks if look in m.looks or (look is None and bands.keys().isdisjoint(m.looks))]
+            if not own:
+                continue
+            known = style if look is None else style | {"color": bands[look]}
+            if "significant" in {name for m in own for name in m.looks} and look is not None:
+                known = known | {"lw": [style["lw"] * (SIGNIFICANT if "significant" in m.looks else 1) for m in own]}
+            kind = PolyCollection if own[0].closed else LineCollection
+            label = drawing.labels[layer] if look is None else labels[look]
+            axes.add_collection(kind([m.points for m in own], label=label, **known))
+    if "trajectory" in drawing.paths:
+        start = drawing.paths["trajectory"][0].points[0, :2]
+        axes.plot(*start, "o", ms=6, color=PATHS["trajectory"]["color"], mec="white", label="start")
 
 
 def draw_names(axes: Any, drawing: PlanDrawing, points_per_metre: float) -> None:
@@ -130,5 +123,12 @@ def draw_names(axes: Any, drawing: PlanDrawing, points_per_metre: float) -> None
                 continue
             side = "top" if of_map and room.matched else "center" if of_map else "bottom"
             # parse_math: a dollar sign in a name starts no formula
-            style = {"va": side, "ha": "center", "fontsize": size, "color": color, "parse_math": False}
+            style = {
+                "va": side,
+                "ha": "center",
+                "fontsize": size,
+                "color": color,
+                "parse_math": False,
+                "in_layout": False,
+            }
             axes.text(*room.label, room.name, **style)

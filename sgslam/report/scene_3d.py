@@ -1,13 +1,11 @@
 """The 3D view of a storey: data for `report_scene.js` as JSON, in whole millimetres from the plan's centre."""
 
-from html import escape
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.report.plan_drawing import DrawnWall, PlanDrawing
-from sgslam.report.plan_svg import switch
 
 Array = NDArray[np.float64]
 LAYERS = (
@@ -37,23 +35,11 @@ def scene_data(drawing: PlanDrawing) -> dict[str, Any]:
     }
 
 
-def scene_card(drawing: PlanDrawing) -> str:
-    """The canvas `#scene` with its switches."""
-    data = scene_data(drawing)
+def scene_layers(drawing: PlanDrawing, data: dict[str, Any]) -> dict[str, str]:
+    """The labels of what the scene `data` holds."""
     present = {wall[0] for wall in data["walls"]} | data["paths"].keys()
-    keys = {name: f'<g class="layer-{name}"><polyline points="2,5 22,5"/></g>' for name in LAYERS}
-    switches = [
-        switch("solid", name, keys[name], drawing.labels[name]) for name in LAYERS if name in present
-    ]  # fmt: skip
-    if data["keyframes"]:
-        switches.append(switch("solid", "keyframes", '<circle class="keyframe" cx="12" cy="5" r="3"/>', "keyframe"))
-    return (
-        '<canvas id="scene" tabindex="0" role="img" '
-        f'aria-label="{escape(drawing.heading)}, in 3D; arrow keys rotate, plus and minus zoom"></canvas>'
-        f'<div class="legend">{"".join(switches)}</div>'
-        '<p class="muted hint">Drag to rotate, scroll or pinch to zoom, drag with Shift or two fingers to move, '
-        "double click to reset. Walls seen from behind are only outlined.</p>"
-    )
+    labels = {name: drawing.labels[name] for name in LAYERS if name in present}
+    return labels | ({"keyframes": "keyframe"} if data["keyframes"] else {})
 
 
 def _wall(layer: str, wall: DrawnWall, origin: Array) -> list[Any]:
