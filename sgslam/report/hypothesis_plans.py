@@ -32,7 +32,7 @@ def hypothesis_figures(data: ReportData) -> list[HypothesisFigure]:
     drawings = [_drawing(data, hypothesis) for hypothesis in data.hypotheses[:SHOWN]]
     corners = np.array([drawing.bounds() for drawing in drawings])
     bounds = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
-    pen = Pen(np.round(np.mean(bounds, axis=0)))
+    pen = Pen(np.round((bounds[0] + bounds[1]) / 2))
     return [
         HypothesisFigure(
             *hypothesis_texts(data, hypothesis), len({a for _, a in hypothesis.get("rooms") or ()}),

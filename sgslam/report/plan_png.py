@@ -32,7 +32,7 @@ STYLES: dict[str, dict[str, Any]] = {  # of the layers that are drawn
     "walls-unmatched": {"color": UNMATCHED, "lw": 1.6},
     "walls-matched": {"color": MATCHED, "lw": 1.6},
     "matches": {"color": MATCHED, "lw": 0.6},
-    **PATHS,
+    **{str(kind): style for kind, style in PATHS.items()},
 }
 UNCERTAIN, SIGNIFICANT = "#e2d4f7", 2.0  # colour of the band, and how much wider a significant wall is
 
