@@ -20,7 +20,7 @@ from evaluation.drive import Drive, DriveCase
 from evaluation.metrics.true_walls import TrueWall, true_walls
 from evaluation.study import Record
 from sgslam.as_built.elements import ElementVerdict, Verdict
-from sgslam.session import Result
+from sgslam.result import Result
 
 Element = Literal["wall", "door", "window", "column"]
 State = Literal["as planned", "moved", "displaced", "filled", "absent"]

@@ -51,8 +51,9 @@ from matching.matcher import make_ready
 from matching.result import AnyMatcher
 from sgslam.config import AsBuiltSettings, Config
 from sgslam.odometry.external import ExternalOdometry
-from sgslam.session import Result, Update
+from sgslam.result import Result
 from sgslam.slam import SceneGraphSlam
+from sgslam.types import Update
 
 Array = NDArray[np.float64]
 FOREIGN = generated(99)[:2]  # the plans of other buildings; the second one for a drive through the first

@@ -21,8 +21,9 @@ if TYPE_CHECKING:
     from sgslam.config import Config
     from sgslam.live.live_slam import LiveSlam
     from sgslam.odometry.kiss import KissOdometry
-    from sgslam.session import Result, Update
+    from sgslam.result import Result
     from sgslam.slam import SceneGraphSlam
+    from sgslam.types import Update
 
     __version__: str
 
@@ -31,10 +32,10 @@ _MODULES = {
     "KissOdometry": "sgslam.odometry.kiss",
     "LiveSlam": "sgslam.live.live_slam",
     "Matcher": "matching.matcher",
-    "Result": "sgslam.session.result",
+    "Result": "sgslam.result",
     "SceneGraph": "data.scene_graph",
     "SceneGraphSlam": "sgslam.slam",
-    "Update": "sgslam.session.result",
+    "Update": "sgslam.result",
     "UserError": "data.common.errors",
     "load_bim": "data.plans.bim",
 }

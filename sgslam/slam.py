@@ -15,12 +15,13 @@ from sgslam.config import Config
 from sgslam.mapping import KeyframeClouds
 from sgslam.odometry import Odometry
 from sgslam.registration.motion import deskewed
-from sgslam.session import PriorMap, Result, Session, Stopwatch, Update
-from sgslam.session.finishing import assemble_result
+from sgslam.result import Result
+from sgslam.result.finishing import assemble_result
+from sgslam.session import PriorMap, Session, Stopwatch
 from sgslam.session.run_state import RunState
 from sgslam.session.second_pass import pass_again
 from sgslam.tracking import RunTracker, TrackerNotes
-from sgslam.types import Health, TrackedScan
+from sgslam.types import Health, TrackedScan, Update
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Health = Literal["good", "degraded", "lost"]
+NO_PLAN = "no plan was given"  # the reason of a run that only makes a map
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,3 +115,33 @@ class TrackedScan:
     def covariance(self) -> Floats:
         """(6, 6), rotation first, in the sensor's axes."""
         return self.registration.covariance
+
+
+@dataclass(frozen=True)
+class Update:
+    """The live estimate right after a scan.
+
+    `T_map_sensor` (4, 4) is the sensor's pose in the map frame (metres) at `stamp_ns` (nanoseconds). It is not smoothed
+    yet, and provisional until gravity is known and while scans are lost; `Result` has the final poses. `keyframes` is
+    the number of keyframes so far, `anchored` whether the map is anchored to the plan. `T_bim_sensor` (4, 4) is the
+    pose in the BIM frame, None while the map is not anchored; `health` is the tracker's verdict on the newest scan,
+    None while it waits. After a longer loss it stays lost until a place that looks alike is ruled out.
+    `SceneGraphSlam.sigma` gives the standard deviations of the pose.
+    """
+
+    stamp_ns: int
+    T_map_sensor: Floats
+    keyframes: int
+    anchored: bool
+    T_bim_sensor: Floats | None = None
+    health: Health | None = None
+
+
+@dataclass(frozen=True)
+class Relocalisation:
+    """Whether a run was relocalised in the prior map, `found_s` seconds after its start, and the reason. `found_s` is
+    None if it was not, or only after the last scan."""
+
+    found: bool
+    found_s: float | None
+    reason: str

@@ -13,7 +13,7 @@ from data.geometry.line_fit import fit_to_lines
 from data.geometry.wall_directions import WallDirections
 from matching.arrays import arrays
 from sgslam.geometry.frames import is_rigid
-from sgslam.report.accuracy import yaw_errors
+from sgslam.geometry.trajectory_errors import yaw_errors
 
 Array = NDArray[np.float64]
 # Limits for an S surface to lie on an A surface.

@@ -1,6 +1,6 @@
 """Trajectory errors: absolute. Pure functions: no files, no plots.
 
-Poses are paired by time (`sgslam.report.accuracy.associate`). Results that evo (https://github.com/MichaelGrupp/evo)
+Poses are paired by time (`sgslam.geometry.trajectory_errors.associate`). Results that evo (https://github.com/MichaelGrupp/evo)
 also computes have the same values.
 """
 
@@ -15,8 +15,8 @@ from data.common.errors import UserError
 from data.trajectory import Trajectory
 from evaluation.metrics.statistics import Statistics
 from sgslam.geometry.frames import inverse
+from sgslam.geometry.trajectory_errors import TOLERANCE_NS, align_se3, yaw_errors
 from sgslam.report import associate
-from sgslam.report.accuracy import TOLERANCE_NS, align_se3, yaw_errors
 
 Array = NDArray[np.float64]
 PARTS = "plan_view", "height", "yaw"

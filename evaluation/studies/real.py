@@ -19,7 +19,7 @@ from evaluation.metrics.trajectories import ape, error_in_bim, matched
 from evaluation.study import Case, Claim, Options, Record, Study
 from evaluation.tables import Column, Query, count, made, of, share, spread
 from sgslam.report import associate
-from sgslam.session import Result
+from sgslam.result import Result
 from sgslam.slam import SceneGraphSlam
 
 LIMITS = (3.0, 5.0), (0.3, 1.0)  # m and degrees

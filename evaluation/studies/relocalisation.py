@@ -26,7 +26,8 @@ from evaluation.study import Claim, Record
 from evaluation.tables import ANCHORED, EVER_WRONG, Query, count, made, often, rare, spread, truth, units
 from sgslam.config import Config
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
-from sgslam.session import Checkpoints, PriorMap, Result
+from sgslam.result import Result
+from sgslam.session import Checkpoints, PriorMap
 from sgslam.slam import SceneGraphSlam
 
 Plan = Literal["the BIM", "the first map"]

@@ -59,7 +59,7 @@ def _in_one_process(options: RunOptions) -> tuple[dict[str, Any], Path, "LiveVie
     """The content of metrics.json, the folder, and the page that showed the run, if one did."""
     from sgslam.cli.job.inputs import RunInputs
     from sgslam.cli.job.run import Run, run_scans
-    from sgslam.session.result import prepare_folder
+    from sgslam.result.saving import prepare_folder
     from sgslam.viewer.live import LiveView, open_page
     from sgslam.viewer.rerun_log import recorded
 

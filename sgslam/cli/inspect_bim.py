@@ -21,7 +21,7 @@ def main(arguments: list[str] | None = None) -> int:
     from data.plans import load_bim
     from sgslam.inspection import InspectionSettings, inspect
     from sgslam.inspection.page import inspection_html
-    from sgslam.session.result import prepare_folder
+    from sgslam.result.saving import prepare_folder
 
     bim = load_bim(options.bim, layers=options.layer)
     out = prepare_folder(options.out)

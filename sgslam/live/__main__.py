@@ -23,7 +23,7 @@ def main(arguments: list[str] | None = None) -> int:
     from sgslam.cli.processes.tracking_side import settle_threads
     from sgslam.live.live_slam import LiveSlam
     from sgslam.live.loop import LiveLoop, PoseLines
-    from sgslam.session.result import prepare_folder
+    from sgslam.result.saving import prepare_folder
 
     config, _ = read_settings(options)
     stream = _opened(given.source, options.topic)

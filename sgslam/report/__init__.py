@@ -1,6 +1,6 @@
 """The report and the plan picture of a run."""
 
-from sgslam.report.accuracy import associate
+from sgslam.geometry.trajectory_errors import associate
 from sgslam.report.contents import ReportData
 from sgslam.report.run_folder import RunFolder
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from data.common.errors import UserError
 from data.trajectory import Trajectory
 from sgslam.geometry.frames import transform_points
-from sgslam.report.accuracy import align_se3, associate
+from sgslam.geometry.trajectory_errors import align_se3, associate
 from sgslam.report.contents import ReportData
 from sgslam.report.drawn_paths import subsample
 from sgslam.report.number_formats import metres

@@ -4,7 +4,6 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-NO_PLAN = "no plan was given"  # the reason of a run that only makes a map
 NOTHING = "\N{EN DASH}"
 SIGNALS = {  # the names in metrics.json: phrase, unit, and which side of the limit is sound
     "map_against_odometry": ("difference of map and odometry, share of the path length", " %", "at most"),

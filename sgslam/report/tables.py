@@ -12,7 +12,8 @@ from sgslam.as_built.deviation_bands import degrees, signed_mm
 from sgslam.report.contents import ReportData, entered_unmatched, path_length, split_by_floor
 from sgslam.report.elements import element_name
 from sgslam.report.hypothesis_plans import hypothesis_texts
-from sgslam.report.number_formats import NO_PLAN, NOTHING, metres, percent, seconds, signal_texts, thousands
+from sgslam.report.number_formats import NOTHING, metres, percent, seconds, signal_texts, thousands
+from sgslam.types import NO_PLAN
 
 LARGEST = 30  # deviations in the table
 

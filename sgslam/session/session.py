@@ -15,8 +15,8 @@ from sgslam.loops import LoopCloser
 from sgslam.mapping import KeyframeClouds
 from sgslam.session.active_map import ActiveMap
 from sgslam.session.prior_map import PriorMap, plan_of
-from sgslam.session.result import Relocalisation
 from sgslam.session.stopwatch import Stopwatch
+from sgslam.types import Relocalisation
 
 Floats = NDArray[np.float64]
 

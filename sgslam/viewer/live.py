@@ -24,8 +24,8 @@ from sgslam.viewer.panel import Panel
 from sgslam.viewer.scene import SCAN_POINTS, RunScene, with_rooms
 
 if TYPE_CHECKING:
-    from sgslam.session import Update
     from sgslam.slam import SceneGraphSlam
+    from sgslam.types import Update
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)

@@ -22,8 +22,8 @@ from sgslam.viewer.shapes import elevation_of, merge_meshes, quad_mesh, ring_lin
 if TYPE_CHECKING:
     from sgslam.anchoring import AnchorRecord
     from sgslam.anchoring.anchor_log import AnchorEvent
-    from sgslam.session import Update
     from sgslam.slam import SceneGraphSlam
+    from sgslam.types import Update
 
 Floats = NDArray[np.float64]
 _OPACITY = 90  # of walls, out of 255

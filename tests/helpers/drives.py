@@ -15,7 +15,7 @@ from data.scans import ScanFolder
 from data.simulation import Robot, SpinningSensor
 from data.simulation.simulate import simulate
 from data.trajectory import Trajectory
-from sgslam.session import Result
+from sgslam.result import Result
 from sgslam.slam import SceneGraphSlam
 
 ROBOT = Robot(speed=1.0, yaw_rate=1.2, yaw_acceleration=2.0)

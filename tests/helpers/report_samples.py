@@ -13,7 +13,7 @@ from data.trajectory import Trajectory
 from sgslam.as_built.elements import ElementVerdict, Verdict
 from sgslam.report import ReportData, RunFolder
 from sgslam.report.elements import shown_as_element
-from sgslam.report.scan_states import ScanStates
+from sgslam.session.soundness.scan_uncertainty import ScanStates
 
 LOST, APART = slice(100, 130), slice(190, 220)  # of the scans of `with_lost_scans`
 

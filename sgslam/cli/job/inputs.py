@@ -27,10 +27,10 @@ from sgslam.odometry.external import ExternalOdometry
 from sgslam.odometry.factory import choose
 from sgslam.perception.scan_checks import in_metres_and_sensor_frame
 from sgslam.report import associate
+from sgslam.result.saving import prepare_folder
 from sgslam.session import PriorMap
 from sgslam.session.checkpoints import FILE as STATE
 from sgslam.session.checkpoints import about_run
-from sgslam.session.result import prepare_folder
 from sgslam.warm_up import compile_ahead
 
 _OPTIONS = TypeAdapter(RunOptions)

@@ -22,16 +22,18 @@ from data.common.log_lines import log_to
 from data.imu import ImuSamples
 from data.trajectory import Trajectory
 from sgslam.cli.job.inputs import Building, RunInputs
+from sgslam.geometry.trajectory_errors import accuracy
 from sgslam.mapping import KeyframeClouds
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
-from sgslam.report.accuracy import accuracy
 from sgslam.report.tables import badge
-from sgslam.session import Checkpoints, Result, Update
+from sgslam.result import Result
+from sgslam.result.saving import save_result
+from sgslam.session import Checkpoints
 from sgslam.session.checkpoints import FILE as STATE
 from sgslam.session.checkpoints import load
-from sgslam.session.result import save_result
 from sgslam.session.scan_points import FILE as POINTS
 from sgslam.slam import SceneGraphSlam
+from sgslam.types import Update
 
 if TYPE_CHECKING:
     from sgslam.cli.processes.tracking_side import TrackingSide

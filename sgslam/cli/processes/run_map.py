@@ -18,7 +18,7 @@ from sgslam.cli.job.inputs import RunInputs
 from sgslam.cli.job.run import Run
 from sgslam.cli.options import Triple
 from sgslam.cli.processes.mapping_process import HeldAnchor, MapState
-from sgslam.session.result import prepare_folder
+from sgslam.result.saving import prepare_folder
 from sgslam.tracking import TrackerNotes
 from sgslam.types import TrackedScan
 from sgslam.warm_up import warm_up

@@ -18,7 +18,7 @@ from data.scene_graph import WallSurface
 from data.trajectory import Trajectory
 from sgslam.anchoring.soundness import LAPLACE, Soundness
 from sgslam.config import QualitySettings
-from sgslam.report.accuracy import rmse_aligned
+from sgslam.geometry.trajectory_errors import rmse_aligned
 from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
 
 Floats = NDArray[np.float64]

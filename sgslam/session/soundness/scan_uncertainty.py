@@ -11,7 +11,6 @@ from data.common.files import write_atomically
 from data.trajectory.stamps import ns_to_seconds
 from sgslam.backend import Backend, Uncertainty
 from sgslam.config import Config, OdometrySettings, QualitySettings
-from sgslam.report.scan_states import ScanStates
 from sgslam.session.scan_poses import ScanPose
 from sgslam.types import Health
 
@@ -24,6 +23,31 @@ _HEADER = (
     "stamp_s,sigma_x_m,sigma_y_m,sigma_z_m,sigma_roll_deg,sigma_pitch_deg,sigma_yaw_deg,part,floor,probability,"
     "anchored,health"
 )
+
+
+@dataclass(frozen=True, eq=False)
+class ScanStates:
+    """Of N scans, in the order of their stamps.
+
+    `seconds` (N,) are those since the run's first scan. `lost` (N,): the scan did not fit the map, and its pose is
+    predicted. `part` (N,): 0 for the map, else the number of a part that was not placed in it and is laid at the last
+    known pose. `sigma` (N, 2): standard deviations (m) along x and y of the frame of the trajectory; NaN where they are
+    unknown.
+    """
+
+    seconds: NDArray[np.float64]
+    lost: NDArray[np.bool_]
+    part: NDArray[np.int64]
+    sigma: NDArray[np.float64]
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """(N,) whether the scan is neither lost nor in a part that was not placed."""
+        return ~self.lost & (self.part == 0)
+
+    def only(self, chosen: NDArray[np.bool_]) -> "ScanStates":
+        """The chosen (N,) scans."""
+        return ScanStates(self.seconds[chosen], self.lost[chosen], self.part[chosen], self.sigma[chosen])
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,8 @@ from report_samples import APART, LOST, not_anchored, on_two_floors, reported, w
 
 from data.trajectory import Trajectory
 from sgslam.as_built.deviation_bands import BANDS, band_of
+from sgslam.geometry.trajectory_errors import accuracy
 from sgslam.report import ReportData
-from sgslam.report.accuracy import accuracy
 from sgslam.report.contents import current_storey, split_by_floor
 from sgslam.report.drawn_paths import MAX_VERTICES
 from sgslam.report.error_chart import error_chart, error_lines

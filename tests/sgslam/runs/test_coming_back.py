@@ -14,7 +14,8 @@ from data.trajectory import Trajectory
 from sgslam.config import Config
 from sgslam.config.tracking_settings import TrackingSettings
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
-from sgslam.session import Checkpoints, PriorMap, Result
+from sgslam.result import Result
+from sgslam.session import Checkpoints, PriorMap
 from sgslam.slam import SceneGraphSlam
 
 pytestmark = pytest.mark.slow

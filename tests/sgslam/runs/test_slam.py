@@ -18,7 +18,7 @@ from matching import MatchResult
 from matching.result import Status
 from sgslam.config import AnchorSettings, Config, QualitySettings, TrackingSettings
 from sgslam.mapping import KeyframeClouds
-from sgslam.session import Result
+from sgslam.result import Result
 from sgslam.session.scan_points import FILE as POINTS
 from sgslam.session.scan_poses import ScanPose, with_unplaced
 from sgslam.slam import SceneGraphSlam

@@ -12,7 +12,7 @@ from data.plans import Bim, load_bim
 from data.scans import ScanFolder
 from data.simulation import Robot, SimulatedRun, SpinningSensor
 from data.simulation.simulate import simulate
-from sgslam.session import Result
+from sgslam.result import Result
 from sgslam.slam import SceneGraphSlam
 
 GROUND, UPPER = DEMO_STOREYS

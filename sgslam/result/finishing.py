@@ -15,11 +15,10 @@ from sgslam.anchoring.soundness import shipped
 from sgslam.backend import Backend, Uncertainty
 from sgslam.config import Config
 from sgslam.mapping import Floors
-from sgslam.report.number_formats import NO_PLAN
+from sgslam.result.result import PoseCovariances, Result
 from sgslam.session.active_map import ActiveMap
 from sgslam.session.place_report import PlaceReport
 from sgslam.session.prior_map import PriorMap
-from sgslam.session.result import PoseCovariances, Relocalisation, Result
 from sgslam.session.scan_poses import RunPoses, ScanPose, at_stamps, newest_run, odometry_begins, odometry_of
 from sgslam.session.soundness.free_space import share_looked_through
 from sgslam.session.soundness.quality import Quality, at_least, contradiction, placed_signals, quality_of
@@ -31,6 +30,7 @@ from sgslam.session.soundness.scan_uncertainty import (
 )
 from sgslam.session.soundness.standing_walls import standing_walls
 from sgslam.session.soundness.unit_advice import feet_advice
+from sgslam.types import NO_PLAN, Relocalisation
 
 if TYPE_CHECKING:
     from matching.result import MatchesFile  # loads the matchers

@@ -1,0 +1,5 @@
+"""The result of a run, assembled from its final map, and its output folder."""
+
+from sgslam.result.result import PoseCovariances, Result
+
+__all__ = ["PoseCovariances", "Result"]

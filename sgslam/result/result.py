@@ -1,0 +1,177 @@
+"""The result of a run (trajectories, S-graph, matches, deviations, metrics) and its output folder."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data import SceneGraph
+from data.geometry.poses import poses_to_xyzquat
+from data.plans.bim import IFC_SUFFIXES
+from data.trajectory import Trajectory
+from sgslam.anchoring import AnchorEntry
+from sgslam.backend import FactorLog
+from sgslam.config import Config
+from sgslam.mapping import KeyframeClouds
+from sgslam.mapping.cloud_map import cloud_map
+from sgslam.session.checkpoints import Checkpoints, Resumable
+from sgslam.session.place_report import PlaceReport
+from sgslam.session.soundness.quality import Quality
+from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
+from sgslam.types import Health, Relocalisation
+
+# a run needs none of these before its end
+if TYPE_CHECKING:
+    from data.plans.bodies import PlannedElement
+    from matching.result import MatchesFile
+    from sgslam.as_built import Assessment, Deviation
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PoseCovariances:
+    """Covariances of some keyframe poses, evenly spaced over the run.
+
+    `trajectory` holds T_bim_sensor of these keyframes; `covariances` (N, 6, 6) are rotation first (rad), then
+    translation (m), in the sensor's axes.
+    """
+
+    trajectory: Trajectory
+    covariances: Floats
+
+
+@dataclass(frozen=True)
+class Result:
+    """A finished run, in metres, radians and seconds.
+
+    `anchored` says whether the map is anchored to the plan, `reason` why or why not, in one line. `trajectory` is in
+    the BIM frame when `anchored`, and has the anchored scans only: no lost ones, none of submaps that were not
+    relocalised, and none whose pose is too uncertain. Otherwise it is `trajectory_map`, which always has all scans, in
+    the map frame. `trajectory_odometry` is the odometry alone, in its own frame. `trajectory_live` has the scans of
+    `trajectory`, in its frame, with the poses that were estimated when the scans arrived; None without a second pass.
+    `T_bim_map` (4, 4) is the map's pose in the BIM frame, None if the run is not anchored. `s_graph` is in the map
+    frame; `a_graph` is in the BIM frame, None without a plan. `matches` has the form of matches.json, None if nothing
+    was matched. `anchors` is the log of
+    all anchors: what added each, and when and why it changed. `factors` is the back end's log: the active factors, and
+    those added and withdrawn. `clouds` are indexed by keyframe number, `k<number>` in the S-graph. `first_anchor_s`
+    counts from the first scan. `seconds` is the time of each stage. `earlier` are the trajectories of the prior map's
+    runs, in the frame of `trajectory`. `pose_covariances` is None if the run is not anchored, `relocalisation` is None
+    without a prior map. `tracked` is the number of good, degraded and lost scans; `uncertainty` has a line for each
+    scan, and `quality` says whether the map is sound. `advice` has a line for each thing that seems wrong with the
+    scans or with what the user stated about them. `plan_file` is the file that the plan was read from, None if it is
+    not known; `given` has all poses of another SLAM system whose scans these are, None without one. `slam` is the
+    system that made the result, to save its state.
+    """
+
+    anchored: bool
+    reason: str
+    trajectory: Trajectory
+    trajectory_map: Trajectory
+    trajectory_odometry: Trajectory
+    T_bim_map: Floats | None
+    s_graph: SceneGraph
+    a_graph: SceneGraph | None
+    matches: "MatchesFile | None"
+    anchors: list[AnchorEntry]
+    factors: FactorLog
+    pose_covariances: PoseCovariances | None
+    first_anchor_s: float | None
+    keyframes: int
+    seconds: dict[str, float]
+    config: Config
+    clouds: KeyframeClouds
+    tracked: dict[Health, int]
+    uncertainty: ScanUncertainty
+    quality: Quality
+    place: PlaceReport | None = None
+    earlier: tuple[Trajectory, ...] = ()
+    relocalisation: Relocalisation | None = None
+    advice: tuple[str, ...] = ()
+    trajectory_live: Trajectory | None = None
+    plan_file: Path | None = None
+    given: Trajectory | None = None
+    slam: Resumable | None = None
+
+    @property
+    def deviations(self) -> "list[Deviation]":
+        """The content of deviations.json; empty if the run is not anchored."""
+        return list(self.assessment.deviations)
+
+    @cached_property
+    def assessment(self) -> "Assessment":
+        """What was found of the planned elements, and what no plan shows; empty if the run is not anchored.
+
+        It is computed when first asked for. The elements are those of `plan_file`, if that is an IFC model, else the
+        walls and levels of `a_graph`. Raises UserError for a model that cannot be read any more.
+        """
+        from sgslam.as_built import AnchoredMap, Assessment, assess
+        from sgslam.result.views import keyframe_views
+
+        if self.T_bim_map is None or self.a_graph is None:
+            return Assessment()
+        views = keyframe_views(self.s_graph, self.T_bim_map, self.uncertainty, self.clouds)
+        run = AnchoredMap(self.s_graph, self.a_graph, self.T_bim_map, self.matches, views)
+        return assess(run, *self._planned(), self.config.as_built.tolerance, self.config.anchors.sigma_extraction)
+
+    def _planned(self) -> "tuple[Sequence[PlannedElement], Floats]":
+        """The elements of the plan, and the bodies (M, 3, 3) of what else it shows."""
+        if self.plan_file is not None and self.plan_file.suffix.lower() in IFC_SUFFIXES:
+            from data.plans.elements import other_bodies, planned_elements  # loads ifcopenshell
+
+            return planned_elements(self.plan_file), other_bodies(self.plan_file)
+        from data.plans.bodies import bodies_of, gaps_of
+
+        assert self.a_graph is not None
+        return bodies_of(self.a_graph), gaps_of(self.a_graph)
+
+    def to_open3d(self) -> list[Any]:
+        """The map's points, the path of the sensor and the walls, in the frame of `trajectory`, as geometries for
+        `open3d.visualization.draw_geometries`. Needs the extra `open3d`; raises UserError without it."""
+        from sgslam.cloud_to_model import open3d_scene
+        from sgslam.report import RunFolder
+
+        run = RunFolder(Path(), self.s_graph, self.a_graph, self.T_bim_map, {}, [])
+        points, _ = cloud_map(self.clouds, run.poses_by_keyframe, self.config.clouds.map_voxel)
+        walls = [run.corners(surface) for surface in self.s_graph.wall_surfaces]
+        return open3d_scene(points, self.trajectory.positions, walls)
+
+    def save(self, out: Path | str) -> None:
+        """Writes the folder of a run, but its log. Raises UserError if it cannot be written to or the disk is full.
+
+        Of an anchored run, that includes what was found of the planned elements.
+        """
+        from sgslam.result.saving import prepare_folder, save_result
+
+        out = prepare_folder(Path(out))
+        save_result(self, out)
+        if self.slam is not None:
+            Checkpoints(out, {}).write(self.slam, {}, finished=True)
+
+    def metrics(self) -> dict[str, Any]:
+        """The content of metrics.json, without the fields that the command line adds."""
+        T = self.T_bim_map
+        return {
+            "anchored": self.anchored,
+            "reason": self.reason,
+            "anchored_share": float(self.uncertainty.anchored.mean()),
+            "quality": {name: asdict(signal) for name, signal in self.quality.items()},
+            "place": None if self.place is None else self.place.to_dict(),
+            "T_bim_map": None if T is None else poses_to_xyzquat(T[None])[0].tolist(),
+            "scans": len(self.trajectory_map),
+            "scans_skipped": 0,
+            "tracked": dict(self.tracked),
+            "keyframes": self.keyframes,
+            "floors": len(self.s_graph.floors),
+            "rooms": len(self.s_graph.rooms),
+            "wall_surfaces": len(self.s_graph.wall_surfaces),
+            "first_anchor_s": self.first_anchor_s,
+            "seconds": self.seconds,
+            "runs": len(self.earlier) + 1,
+            "returned": None if self.relocalisation is None else asdict(self.relocalisation),
+            "advice": list(self.advice),
+        }
