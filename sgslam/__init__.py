@@ -35,7 +35,7 @@ _MODULES = {
     "Result": "sgslam.result",
     "SceneGraph": "data.scene_graph",
     "SceneGraphSlam": "sgslam.slam",
-    "Update": "sgslam.result",
+    "Update": "sgslam.types",
     "UserError": "data.common.errors",
     "load_bim": "data.plans.bim",
 }
