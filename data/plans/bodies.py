@@ -9,13 +9,12 @@ import shapely
 from numpy.typing import NDArray
 
 from data.geometry.intervals import Intervals, united, without
-from data.scene_graph import LevelSurface, SceneGraph, WallSurface
+from data.scene_graph import WALL_HEIGHT, LevelSurface, SceneGraph, WallSurface
 
 Array = NDArray[np.float64]
 Kind = Literal["solid", "opening"]
 THICKEST = 0.7  # m between the sides of one wall
 SHEET = 0.05  # m: depth of a wall of which one side is known
-HEIGHT = 2.5  # m of a wall whose height is unknown
 PANE = 1.5  # m2, of a window
 NARROWEST = 0.3  # m: a narrower part beside a door is its frame
 PARALLEL = 0.99  # cosine between both sides of a wall
@@ -124,7 +123,7 @@ class _Walls:
     def box(self, surface: WallSurface, span: tuple[float, float]) -> Array:
         """(12, 3, 3) triangles from a stretch of a surface, as in its parts, to the middle of the wall."""
         low = self._bottom.get(surface.floor or "", 0.0)
-        height = surface.height or (low, low + HEIGHT)
+        height = surface.height or (low, low + WALL_HEIGHT)
         n, left = np.array(surface.normal), np.array([-surface.normal[1], surface.normal[0]])
         front = np.array(surface.centroid) + np.outer(span, left)
         back = front - self._depth(surface, front.mean(axis=0), (span[1] - span[0]) / 2) * n

@@ -1,7 +1,18 @@
 """`SceneGraph`, the one type that S-graphs and A-graphs share, and the files that hold one."""
 
 from data.scene_graph.graph import SceneGraph
-from data.scene_graph.nodes import Door, Floor, Keyframe, LevelSurface, Room, WallSurface, Xy
+from data.scene_graph.nodes import WALL_HEIGHT, Door, Floor, Keyframe, LevelSurface, Room, WallSurface, Xy
 from data.scene_graph.plausibility import implausible
 
-__all__ = ["Door", "Floor", "Keyframe", "LevelSurface", "Room", "SceneGraph", "WallSurface", "Xy", "implausible"]
+__all__ = [
+    "WALL_HEIGHT",
+    "Door",
+    "Floor",
+    "Keyframe",
+    "LevelSurface",
+    "Room",
+    "SceneGraph",
+    "WallSurface",
+    "Xy",
+    "implausible",
+]

@@ -11,6 +11,7 @@ from pydantic import Field
 FARTHEST = 1e9  # m: no coordinate on the earth is larger, and squares of it stay exact enough
 Number = Annotated[float, Field(strict=True, ge=-FARTHEST, le=FARTHEST)]  # no text and no truth value in JSON
 Xy = tuple[Number, Number]
+WALL_HEIGHT = 2.5  # m, of a wall whose height is unknown
 
 
 @dataclass(frozen=True)

@@ -6,17 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from data.scene_graph import SceneGraph
-from sgslam.config.sensor import RANGE_NOISE
+from data.scene_graph import WALL_HEIGHT, SceneGraph
+from sgslam.config.sensor import FURTHEST, LEAST_COSINE, RANGE_NOISE
 from sgslam.geometry.frames import transform_points
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 _NEAR = 0.15  # m from a planned wall; what is farther is another thing
-_FURTHEST = 12.0  # m from the sensor, beyond which its turn of half a degree moves a point by a decimetre
-_LEAST_COSINE = 0.3  # of the angle of incidence; at grazing rays the range says little of the wall's place
 _EDGE = 0.2  # m at a wall's ends, floor and ceiling that are left out: other surfaces begin there
-_HEIGHT = 2.5  # m of a wall whose height the plan does not tell
 _LEAST_POINTS = 6  # of a face in a keyframe
 _PARALLEL = 0.999  # cosine between the faces of one wall
 _BIN = 0.005  # m, of the search for the distance at which most points lie
@@ -58,7 +55,7 @@ def faces_of(plan: SceneGraph) -> Faces:
     rows, axes = list[tuple[float, ...]](), dict[str, list[tuple[int, Floats]]]()
     for surface in plan.wall_surfaces:
         half, below = 0.5 * (surface.length or 0.0), level.get(surface.floor or "", 0.0)
-        low, high = surface.height or (below, below + _HEIGHT)
+        low, high = surface.height or (below, below + WALL_HEIGHT)
         (nx, ny), (x, y) = surface.normal, surface.centroid
         for source, first, last, is_whole in surface.parts or ((surface.source, -half, half, True),):
             if is_whole and last - first > 2 * _EDGE:
@@ -99,17 +96,17 @@ def _near_faces(faces: Faces, T_plan_sensor: Floats, points: NDArray[np.float32]
     """(K, 5) of the points near a face: its number, that of the keyframe, the distance from the face, and x and y."""
     sensor = T_plan_sensor[:3, 3]
     ahead = np.sum((sensor[:2] - faces.centre) * faces.normal, axis=1)
-    own = np.flatnonzero((ahead > 0) & (ahead < _FURTHEST))
+    own = np.flatnonzero((ahead > 0) & (ahead < FURTHEST))
     seen = transform_points(T_plan_sensor, points)
     away = seen[:, :2] - sensor[:2]
     length = np.linalg.norm(seen - sensor, axis=1)
-    seen, away, length = seen[length < _FURTHEST], away[length < _FURTHEST], length[length < _FURTHEST]
+    seen, away, length = seen[length < FURTHEST], away[length < FURTHEST], length[length < FURTHEST]
     found = []
     for face in own.tolist():
         n, to = faces.normal[face], seen[:, :2] - faces.centre[face]
         off, along, (low, high) = to @ n, to @ np.array([-n[1], n[0]]), faces.heights[face]
         near = (np.abs(off) < _NEAR) & (np.abs(along) < faces.half[face] - _EDGE)
-        near &= (seen[:, 2] > low + _EDGE) & (seen[:, 2] < high - _EDGE) & (-(away @ n) > _LEAST_COSINE * length)
+        near &= (seen[:, 2] > low + _EDGE) & (seen[:, 2] < high - _EDGE) & (-(away @ n) > LEAST_COSINE * length)
         count = int(near.sum())
         if count:
             same = np.tile([face, number], (count, 1))

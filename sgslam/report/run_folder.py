@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 
 from data.common.errors import UserError
 from data.geometry.poses import xyzquat_to_poses
-from data.scene_graph import SceneGraph, WallSurface, Xy
+from data.scene_graph import WALL_HEIGHT, SceneGraph, WallSurface, Xy
 from sgslam.as_built.elements.files import JSON as ELEMENTS
 from sgslam.config import Config
 from sgslam.config.loading import load_config
 
 Floats = NDArray[np.float64]
-_HEIGHT = 2.5  # m, of a wall of unknown height
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +133,6 @@ class RunFolder:
 
     def corners(self, surface: WallSurface) -> Floats:
         """(4, 3) of a wall surface of the S-graph: the two lower ends, then the upper ones."""
-        low, high = surface.height or (0.0, _HEIGHT)
+        low, high = surface.height or (0.0, WALL_HEIGHT)
         ends = list(surface.ends())
         return np.concatenate([self.on_floor(ends, surface.floor, z) for z in (low, high)])

@@ -13,7 +13,6 @@ from sgslam.as_built.elements.likelihoods import (
     BEHIND,
     LEAST_CELLS,
     LEAST_VIEWS,
-    NOISE,
     REACH,
     SURE,
     pose_noise,
@@ -21,6 +20,7 @@ from sgslam.as_built.elements.likelihoods import (
 )
 from sgslam.as_built.elements.passing import Passing, passing
 from sgslam.as_built.elements.rays import Rays, View
+from sgslam.config.sensor import RANGE_NOISE
 
 Floats = NDArray[np.float64]
 _GRIDS = ((REACH, 0.05), (0.05, 0.01), (0.012, 0.003))  # m: half the side and step of grids of shifts, one in another
@@ -45,13 +45,13 @@ def column_finding(
     aimed = near.shown & (at_plan < near.others)
     if aimed.sum() < _LEAST_HITS:
         return Finding("not seen", "hidden by what is planned around it, or not in view")
-    told_by = aimed & (near.rays.measured > at_plan - 3 * NOISE)
+    told_by = aimed & (near.rays.measured > at_plan - 3 * RANGE_NOISE)
     if not near.shown.any():
         return Finding("not seen", "no ray reaches it")
     shift, stands, spread = _fit(near, body)
     met = near.ranges(body, shift[None])[0]
     visible = near.shown & (met < near.others)
-    at = visible & (np.abs(near.rays.measured - met) < 3 * NOISE)
+    at = visible & (np.abs(near.rays.measured - met) < 3 * RANGE_NOISE)
     through = told_by & (near.rays.measured > near.leaves)
     seen_by = np.unique(near.rays.view[at | through])
     count, share = len(seen_by), float((at | told_by).sum() / max((visible | aimed).sum(), 1))
@@ -113,7 +113,7 @@ def _fit(near: Passing, body: TriangleScene) -> tuple[Floats, float, Floats]:
     shift, stands, spread = _best(near, body, _grid(*furthest), _BLURRED)
     spread = np.zeros((2, 2))
     for own in finer:
-        shift, stands, found = _best(near, body, shift + _grid(*own), NOISE)
+        shift, stands, found = _best(near, body, shift + _grid(*own), RANGE_NOISE)
         spread = max(spread, found, key=np.trace)
     return shift, stands, spread
 

@@ -11,10 +11,10 @@ from sgslam.as_built.elements.rays import View
 from sgslam.as_built.elements.sightings import CELL
 from sgslam.as_built.elements.tolerance_classes import SURE_SIGMAS
 from sgslam.as_built.elements.turns import PoseNoise
+from sgslam.config.sensor import RANGE_NOISE
 
 Floats = NDArray[np.float64]
 LEAST_VIEWS, LEAST_CELLS = 3, 6  # keyframes, and cells of 0.25 m, that say anything of an element
-NOISE = 0.02  # m, standard deviation of one sighting of a cell: noise of a range, and texture of a surface
 REACH = 0.4  # m, largest offset that is looked for; beyond it stands another thing
 BEHIND = 0.15  # m behind a surface, from which on a ray went through it
 BEFORE, THROUGH, SPREAD = 0.2, 0.03, 0.05  # of the sightings of a surface: things before it, gaps in it, outliers
@@ -27,7 +27,7 @@ EDGE = 0.05  # m, how exactly the edge of a body is seen: rays within it of an e
 SWEEP = 0.025
 
 
-def bell(x: Floats, sigma: float = NOISE) -> Floats:
+def bell(x: Floats, sigma: float = RANGE_NOISE) -> Floats:
     """The density (1/m) of a Gaussian error of `x` metres."""
     return np.asarray(np.exp(-0.5 * (x / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi)))
 

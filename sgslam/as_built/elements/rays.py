@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from data.geometry.raycast import TriangleScene
 from data.plans.bodies import PlannedElement
+from sgslam.config.sensor import FURTHEST
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-FURTHEST_RAY = 12.0  # m, beyond which a pose's turn of half a degree moves a hit by a decimetre
 _AROUND = 0.9  # m around a body: as far as it may be displaced, and the edges of what it stands in
 _MOST_VIEWS = 150  # the nearest; more tell the same again, and a long run has thousands
 
@@ -104,7 +104,7 @@ class SeenRays:
         sensors = self._sensors[views]
         away = np.linalg.norm(np.maximum(np.maximum(low - sensors, sensors - high), 0.0), axis=1)
         own = np.argsort(away, kind="stable")[:_MOST_VIEWS]
-        found = [self._passing(int(k), low, high) for k in np.sort(views[own[away[own] < FURTHEST_RAY]])]
+        found = [self._passing(int(k), low, high) for k in np.sort(views[own[away[own] < FURTHEST]])]
         nothing = np.empty(0, np.int64)
         empty = Rays(nothing, np.empty((0, 3)), np.empty((0, 3)), np.empty(0), np.empty(0), nothing)
         return Rays(*(np.concatenate([getattr(part, own.name) for part in (empty, *found)]) for own in fields(Rays)))

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.as_built.elements.rays import FURTHEST_RAY, SeenRays
+from sgslam.as_built.elements.rays import SeenRays
+from sgslam.config.sensor import FURTHEST, LEAST_COSINE
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 CELL = 0.25  # m, side of the cells of a surface that count once for each keyframe
-LEAST_COSINE = 0.3  # of the angle of incidence; at grazing rays the range says little of the surface's place
 _DECIMETRES = 10  # of a normal's components, by which the faces of an element are distinguished
 
 
@@ -40,7 +40,7 @@ def sightings(seen: SeenRays) -> Sightings:
 def _of_view(seen: SeenRays, number: int) -> Floats:
     """(M, 9) element, view, offset, normal and cell."""
     rays, measured, planned, face = seen.of_view(number)
-    met = (face >= 0) & (planned < FURTHEST_RAY)
+    met = (face >= 0) & (planned < FURTHEST)
     rays, measured, planned, face = rays[met], measured[met], planned[met], face[met]
     normal = seen.normal[face]
     cosine = -np.sum(normal * rays, axis=1)

@@ -9,7 +9,8 @@ from data.geometry.raycast import TriangleScene
 from data.plans.bodies import PlannedElement
 from sgslam.as_built.elements import Finding
 from sgslam.as_built.elements.likelihoods import BEHIND, LEAST_VIEWS, REACH
-from sgslam.as_built.elements.rays import FURTHEST_RAY, SeenRays
+from sgslam.as_built.elements.rays import SeenRays
+from sgslam.config.sensor import FURTHEST
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -52,7 +53,7 @@ def _off_plan(rays: SeenRays, number: int, origin: Floats) -> Ints:
     met = face >= 0
     cosine[met] = np.abs(np.sum(rays.normal[face[met]] * direction[met], axis=1))
     off = np.where(met, np.abs(planned - measured) * cosine, np.inf) > GRID
-    kept = off & (measured < FURTHEST_RAY)
+    kept = off & (measured < FURTHEST)
     cell = np.floor((rays.views[number].sensor - origin + measured[kept, None] * direction[kept]) / GRID).astype(
         np.int64
     )

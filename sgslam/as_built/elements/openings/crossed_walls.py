@@ -5,11 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.as_built.elements.likelihoods import EDGE, NOISE, REACH, crossing_blur
+from sgslam.as_built.elements.likelihoods import EDGE, REACH, crossing_blur
 from sgslam.as_built.elements.openings.jambs import Crossings
 from sgslam.as_built.elements.openings.reveals import Reveal
-from sgslam.as_built.elements.rays import FURTHEST_RAY, Rays, View
-from sgslam.as_built.elements.sightings import CELL, LEAST_COSINE
+from sgslam.as_built.elements.rays import Rays, View
+from sgslam.as_built.elements.sightings import CELL
+from sgslam.config.sensor import FURTHEST, LEAST_COSINE, RANGE_NOISE
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -70,7 +71,12 @@ def _side(
     depth, u, up = towards.crossed(reveal, offset)
     slope = towards.rays.direction / towards.cosine[:, None] * reveal.depth
     in_opening = (u > 0) & (u < reveal.width) & _level(reveal, up + slope[:, 2])
-    kept = _level(reveal, up) & _close(reveal, u, REACH) & (in_opening | towards.on_face(host)) & (depth > -3 * NOISE)
+    kept = (
+        _level(reveal, up)
+        & _close(reveal, u, REACH)
+        & (in_opening | towards.on_face(host))
+        & (depth > -3 * RANGE_NOISE)
+    )
     chosen = np.flatnonzero(kept)
     chosen, weight = _thinned(chosen, towards.rays.view[chosen], u[chosen])
     rays, u, depth = towards.rays[chosen], u[chosen], depth[chosen]
@@ -79,7 +85,7 @@ def _side(
     return CrossedWall(
         face, rays.view, u, u + slope[chosen] @ reveal.along, reveal.width, depth,
         crossing_blur(views, rays.view, reveal.along, near, rays.measured), weight, cell,
-        depth > reveal.depth + 2 * NOISE,
+        depth > reveal.depth + 2 * RANGE_NOISE,
     )  # fmt: skip
 
 
@@ -96,7 +102,7 @@ class _Towards:
         sign = 1.0 if face == 0 else -1.0
         cosine = sign * (rays.direction @ reveal.across)
         before = sign * (reveal.faces[face] - rays.origin @ reveal.across)
-        good = (cosine > LEAST_COSINE) & (before > 0) & (before < FURTHEST_RAY * cosine)
+        good = (cosine > LEAST_COSINE) & (before > 0) & (before < FURTHEST * cosine)
         return _Towards(rays[good], cosine[good], before[good])
 
     def crossed(self, reveal: Reveal, offset: float) -> tuple[Floats, Floats, Floats]:
@@ -108,7 +114,7 @@ class _Towards:
 
     def on_face(self, host: int) -> Flags:
         """Which the plan lets end at the face."""
-        return (self.rays.owner == host) & (np.abs(self.rays.planned * self.cosine - self.before) < NOISE)
+        return (self.rays.owner == host) & (np.abs(self.rays.planned * self.cosine - self.before) < RANGE_NOISE)
 
 
 def _level(reveal: Reveal, z: Floats) -> Flags:
@@ -135,9 +141,9 @@ def _thinned(chosen: NDArray[np.int64], view: NDArray[np.int64], u: Floats) -> t
 def _offset(depth: Floats, expected: float | None) -> float:
     """Metres by which the face lies behind its plan: where most is met beside the opening, near what is expected."""
     near, far = (-REACH, REACH) if expected is None else (expected - EDGE, expected + EDGE)
-    depth = depth[(depth > near - NOISE) & (depth < far + NOISE)]
+    depth = depth[(depth > near - RANGE_NOISE) & (depth < far + RANGE_NOISE)]
     if not len(depth):
         return 0.0 if expected is None else expected
-    tries = np.arange(near, far, NOISE / 2)
-    most = tries[np.argmax(np.exp(-0.5 * ((depth - tries[:, None]) / NOISE) ** 2).sum(axis=1))]
-    return float(np.median(depth[np.abs(depth - most) < 2 * NOISE]))
+    tries = np.arange(near, far, RANGE_NOISE / 2)
+    most = tries[np.argmax(np.exp(-0.5 * ((depth - tries[:, None]) / RANGE_NOISE) ** 2).sum(axis=1))]
+    return float(np.median(depth[np.abs(depth - most) < 2 * RANGE_NOISE]))
