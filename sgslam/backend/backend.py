@@ -32,9 +32,9 @@ _BELIEVABLE = 1e4  # largest error for each factor at an optimum: a hundred sigm
 
 
 class Backend:
-    """Estimates of keyframes, walls, level surfaces and T_map_bim, from the factors in `log`.
+    """Estimates of keyframes, walls, level surfaces and T_map_local, from the factors in `log`.
 
-    `planes_in_map` and `levels_in_map` are planes (4,) by the numbers of walls and level surfaces; `T_map_bim` (4, 4)
+    `planes_in_map` and `levels_in_map` are planes (4,) by the numbers of walls and level surfaces; `T_map_local` (4, 4)
     is None while the map is not anchored. `closures` are the loop closures that hold; `LoopCloser` adds and removes
     them.
     """
@@ -44,7 +44,7 @@ class Backend:
         self.keyframes: list[KeyframeNode] = []
         self.planes_in_map: dict[int, Floats] = {}
         self.levels_in_map: dict[int, Floats] = {}
-        self.T_map_bim: Floats | None = None
+        self.T_map_local: Floats | None = None
         self.closures: list[Closure] = []
         self.log = FactorLog()
         self._builder = GraphBuilder(config, self.keyframes, self.log)
@@ -74,7 +74,7 @@ class Backend:
         steps = [factor.measured().matrix() for factor in held if isinstance(factor, gtsam.BetweenFactorPose3)]
         return {
             "keyframes": self.keyframes, "steps": steps, "planes_in_map": self.planes_in_map,
-            "levels_in_map": self.levels_in_map, "T_map_bim": self.T_map_bim, "optimised_at": self._optimised_at,
+            "levels_in_map": self.levels_in_map, "T_map_local": self.T_map_local, "optimised_at": self._optimised_at,
             "sound": self._sound, "seen": self._inputs.seen, "levels": self._inputs.levels,
             "rooms": self._inputs.rooms, "anchors": self._inputs.anchors, "closures": self.closures,
             "begin": self._builder.begin, "found": self._builder.found, "log": self.log.state(),
@@ -88,7 +88,7 @@ class Backend:
         self.keyframes[:] = state["keyframes"]
         self.planes_in_map, self.levels_in_map = state["planes_in_map"], state["levels_in_map"]
         self.closures[:], self._builder.found = state["closures"], dict(state["found"])
-        self.T_map_bim, self._optimised_at, self._sound = state["T_map_bim"], state["optimised_at"], state["sound"]
+        self.T_map_local, self._optimised_at, self._sound = state["T_map_local"], state["optimised_at"], state["sound"]
         made = FactorLog()
         builder = GraphBuilder(self._config, self.keyframes, made)
         if self.keyframes:
@@ -293,7 +293,7 @@ class Backend:
             level: transform_planes(poses[anchor], values.atOrientedPlane3(F(level)).planeCoefficients().ravel())
             for level, anchor in inputs.anchor_of_level.items() if values.exists(F(level))
         }  # fmt: skip
-        self.T_map_bim = values.atPose3(BIM).matrix() if values.exists(BIM) else None
+        self.T_map_local = values.atPose3(BIM).matrix() if values.exists(BIM) else None
         self._sound = len(self.keyframes)
 
 

@@ -60,8 +60,8 @@ class Uncertainty:
             J = np.zeros((6, self._size))  # one at a time: those of a long run would take a hundred megabytes
             J[:, self._columns[X(keyframe)]] = np.eye(6)
             if self.anchored:
-                T_map_bim, T_map_sensor = self._values.atPose3(_BIM), self._values.atPose3(X(keyframe))
-                J[:, self._columns[_BIM]] = -T_map_sensor.inverse().compose(T_map_bim).AdjointMap()
+                T_map_local, T_map_sensor = self._values.atPose3(_BIM), self._values.atPose3(X(keyframe))
+                J[:, self._columns[_BIM]] = -T_map_sensor.inverse().compose(T_map_local).AdjointMap()
             covariance[:] = J @ self._solve(np.asfortranarray(J.T))
         return np.asarray((covariances + covariances.transpose(0, 2, 1)) / 2)
 

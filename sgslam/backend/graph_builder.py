@@ -204,7 +204,7 @@ class GraphBuilder:
         """Adds the anchors and the BIM frame; nothing for None."""
         entries: dict[Key, Entry] = {}
         if anchors is not None:
-            prior = gtsam.PriorFactorPose3(BIM, gtsam.Pose3(anchors.T_map_bim), factors.noise_of_pose(1.0, 100.0))
+            prior = gtsam.PriorFactorPose3(BIM, gtsam.Pose3(anchors.T_map_local), factors.noise_of_pose(1.0, 100.0))
             entries["frame",] = Entry(prior, anchors.by, "a loose prior of the BIM frame")
             for number, (wall, planned) in enumerate(planned_walls(anchors, anchor_of), len(anchors.elevations)):
                 key: Key = ("wall", wall, planned.a_id or str(number))

@@ -17,7 +17,7 @@ IDENTITY, SAME = O(0), O(1)  # a plane that is seen from its own frame is seen f
 
 def middles(anchors: Anchors) -> dict[int, Floats]:
     """(3,) points in the BIM frame at each known level's height, below the origin of the map; frames W(0), W(1), ..."""
-    xy = inverse(anchors.T_map_bim)[:2, 3]
+    xy = inverse(anchors.T_map_local)[:2, 3]
     return {level: np.array([*xy, z]) for level, (z, _) in sorted(anchors.elevations.items())}
 
 
@@ -77,7 +77,7 @@ def start_values(
         found[R(room.id)] = gtsam.Pose3(room.T_map_room)
     anchors = inputs.anchors
     if anchors is not None:
-        found[BIM] = bim = gtsam.Pose3(anchors.T_map_bim)
+        found[BIM] = bim = gtsam.Pose3(anchors.T_map_local)
         places = [p.place for _, p in planned_walls(anchors, inputs.anchor_of)]
         for number, place in enumerate([*middles(anchors).values(), *places]):
             found[W(number)] = bim.compose(gtsam.Pose3(gtsam.Rot3(), place))

@@ -26,7 +26,7 @@ def point_factors(
     faces: Faces, seen: WallPoints, values: gtsam.Values, settings: AnchorSettings
 ) -> Iterator[gtsam.NonlinearFactor]:
     """A linear factor for each mean of points: n . p + d = the wall's offset V(wall), where p follows the keyframe's
-    pose T_map_sensor and T_map_bim, both at their `values`. Points of a face in one keyframe share an error."""
+    pose T_map_sensor and T_map_local, both at their `values`. Points of a face in one keyframe share an error."""
     sigma = np.hypot(RANGE_NOISE / np.sqrt(seen.count), settings.sigma_extraction)
     for i, (face, keyframe) in enumerate(zip(seen.face.tolist(), seen.keyframe.tolist(), strict=True)):
         T_sensor_bim = values.atPose3(X(keyframe)).inverse().compose(values.atPose3(BIM)).matrix()

@@ -58,7 +58,7 @@ class Anchors:
     `planes` has all walls that stand near a planned one, whether they agree with it or not.
     """
 
-    T_map_bim: Floats
+    T_map_local: Floats
     planes: dict[int, list[PlannedWall]]
     rooms: dict[int, Floats]  # room -> T_bim_room (4, 4)
     elevations: dict[int, tuple[float, float]]  # m, planned heights of level surfaces by number, and their sigmas

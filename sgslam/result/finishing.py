@@ -62,7 +62,7 @@ def assemble_result(
     run = newest_run(final.scans, final.begins, backend.poses, parts)
     anchoring = None if final.plan_is_prior else final.anchoring
     known = backend.uncertainty()
-    alignments = anchoring.alignments(floors, backend.T_map_bim) if anchoring is not None else {}
+    alignments = anchoring.alignments(floors, backend.T_map_local) if anchoring is not None else {}
     matches = cast("MatchesFile | None", anchoring.answer(floors, alignments) if anchoring is not None else None)
     standing = None
     if bim is not None and anchoring is not None and matches is not None:

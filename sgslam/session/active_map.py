@@ -66,7 +66,7 @@ class ActiveMap:
     @property
     def placed(self) -> bool:
         """Whether the map is placed in its plan now."""
-        return self.backend.T_map_bim is not None
+        return self.backend.T_map_local is not None
 
     @property
     def T_bim_map(self) -> Floats | None:  # noqa: N802
@@ -76,9 +76,9 @@ class ActiveMap:
     @property
     def T_plan_map(self) -> Floats | None:  # noqa: N802
         """(4, 4) the map in the frame of its plan, which may be a prior map; None while it is not placed."""
-        if self.anchoring is None or self.backend.T_map_bim is None:
+        if self.anchoring is None or self.backend.T_map_local is None:
             return None
-        return self.anchoring.bim_from_map(self.backend.T_map_bim)
+        return self.anchoring.bim_from_map(self.backend.T_map_local)
 
     @property
     def last_pose(self) -> Floats | None:
@@ -211,7 +211,7 @@ class ActiveMap:
         if self.anchoring is None:
             return
         with self.stopwatch("matching"):  # the reported match is the one on the final map
-            confirmed = self.anchoring.confirm(self.floors, self.backend.T_map_bim)
+            confirmed = self.anchoring.confirm(self.floors, self.backend.T_map_local)
         if not confirmed or (self.anchoring.committed is not None and not self.placed):
             self.update(last=True)
 
@@ -249,7 +249,7 @@ class ActiveMap:
         if self.anchoring is None:
             return None
         with self.stopwatch("matching"):
-            return self.anchoring.update(self.floors, self.backend.T_map_bim, last)
+            return self.anchoring.update(self.floors, self.backend.T_map_local, last)
 
     def _close_loops(self, anchors: Anchors | None) -> None:
         """Closes loops, withdraws contradicted closures and optimises until nothing changes. An anchored map needs no

@@ -171,7 +171,7 @@ class PriorMap:
         one place there."""
         anchoring = BuildingAnchoring(plan, matcher, config, partial=partial)
         anchors = anchoring.update(self.floors, None, last=True)
-        return None if anchors is None else anchoring.bim_from_map(anchors.T_map_bim)
+        return None if anchors is None else anchoring.bim_from_map(anchors.T_map_local)
 
     def _place_of(
         self, part: "PriorMap", bim: SceneGraph | None, matcher: AnyMatcher, config: Config

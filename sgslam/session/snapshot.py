@@ -60,7 +60,7 @@ def take_snapshot(
     backend: "Backend", floors: "Floors", anchoring: "BuildingAnchoring | None", clouds: KeyframeClouds
 ) -> Snapshot:  # fmt: skip
     """A snapshot of a run's parts, between two scans. Takes a few milliseconds and changes nothing."""
-    keyframes, T_map_local = backend.keyframes, backend.T_map_bim
+    keyframes, T_map_local = backend.keyframes, backend.T_map_local
     graphs = tuple(floor.scene.graph for floor in floors.maps if floor.scene is not None)
     on = tuple(None if k.storey is None else f"floor-{k.storey}" for k in keyframes)
     T_plan_map, matches, hypotheses, reason = None, None, [], ""

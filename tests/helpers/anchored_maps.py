@@ -62,8 +62,8 @@ def _mapped() -> tuple[SceneGraph, Floors, Array]:
     """The plan, its map, and the place of the plan's local frame in the map."""
     slam, _ = small_run(with_bim=True)
     final, anchoring = slam._map, slam._map.anchoring
-    assert anchoring is not None and final.backend.T_map_bim is not None
-    return anchoring.a_graph, final.floors, final.backend.T_map_bim
+    assert anchoring is not None and final.backend.T_map_local is not None
+    return anchoring.a_graph, final.floors, final.backend.T_map_local
 
 
 def two_floors(apart: float = HIGHER) -> Floors:

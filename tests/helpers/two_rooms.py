@@ -91,14 +91,14 @@ def angle_between(R: Array, S: Array) -> float:
 
 
 def anchors_of(run: Run, T_bim_building: Array, guess_off: Array | None = None) -> tuple[Anchors, Array]:
-    """The truth as anchors, with T_map_bim guessed `guess_off` away; and T_map_bim."""
-    T_map_bim = inverse(T_bim_building @ run.T_building_map)
+    """The truth as anchors, with T_map_local guessed `guess_off` away; and T_map_local."""
+    T_map_local = inverse(T_bim_building @ run.T_building_map)
     planes = {
         wall: [PlannedWall(transform_planes(T_bim_building, plane), transform_points(T_bim_building, MIDDLES[wall]))]
         for wall, plane in enumerate(WALLS)
     }
-    guess = T_map_bim if guess_off is None else T_map_bim @ guess_off
-    return Anchors(guess, planes, {}, {0: (float(T_bim_building[2, 3]), 0.01)}), T_map_bim
+    guess = T_map_local if guess_off is None else T_map_local @ guess_off
+    return Anchors(guess, planes, {}, {0: (float(T_bim_building[2, 3]), 0.01)}), T_map_local
 
 
 def built_otherwise(anchors: Anchors, wall: int, offset: float) -> Anchors:

@@ -116,8 +116,8 @@ def test_a_place_that_is_raised_off_the_planned_floor_is_not_kept(up: float, kep
     true = own.T_map_local.copy()
     own.T_map_local[2, 3] += up
     anchors = own.update(last=False)
-    assert anchors is not None and np.array_equal(anchors.T_map_bim, own.T_map_local) == kept
-    assert anchors.T_map_bim[2, 3] == pytest.approx(true[2, 3], abs=0.03)
+    assert anchors is not None and np.array_equal(anchors.T_map_local, own.T_map_local) == kept
+    assert anchors.T_map_local[2, 3] == pytest.approx(true[2, 3], abs=0.03)
 
 
 def test_wrong_rooms_in_a_match_are_outvoted() -> None:
@@ -126,7 +126,7 @@ def test_wrong_rooms_in_a_match_are_outvoted() -> None:
         own = Anchored(matcher=matcher)
         anchors = own.update()
         assert anchors is not None and own.T_map_local is not None
-        np.testing.assert_allclose(anchors.T_map_bim, own.T_map_local, atol=0.02)
+        np.testing.assert_allclose(anchors.T_map_local, own.T_map_local, atol=0.02)
         rooms.append({(s, a) for s, a, _ in own.answer()["rooms"]})
     assert rooms[0] == rooms[1] and len(rooms[0]) >= 3
 
@@ -180,12 +180,12 @@ def test_an_answer_elsewhere_replaces_the_committed_one() -> None:
     own = Anchored(both, matcher=Changed([at_the_copy, as_it_is], plan))
     true, own.T_map_local = own.T_map_local, None
     first = own.update()
-    assert first is not None and true is not None and np.linalg.norm((first.T_map_bim - true)[:2, 3]) > 30.0
-    own.T_map_local = first.T_map_bim
+    assert first is not None and true is not None and np.linalg.norm((first.T_map_local - true)[:2, 3]) > 30.0
+    own.T_map_local = first.T_map_local
     assert not own.anchoring.confirm(own.floors, own.T_map_local)
     now = own.update()
-    assert now is not None and np.linalg.norm((now.T_map_bim - true)[:2, 3]) < 0.05
-    own.T_map_local = now.T_map_bim
+    assert now is not None and np.linalg.norm((now.T_map_local - true)[:2, 3]) < 0.05
+    own.T_map_local = now.T_map_local
     there, here = ([r for r in own.anchoring.records if r.a_id.endswith("'") is twin] for twin in (True, False))
     assert sum(r.state == "tight" for r in here) >= 10 and {r.state for r in there} == {"withdrawn"}
     assert all("places the map elsewhere" in r.events[-1].why for r in there)

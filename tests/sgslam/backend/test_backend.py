@@ -20,10 +20,10 @@ AMID = pose(0.0, 0.0, 0.0, 2.5) @ pose(-6.0, -4.0, 0.0)  # the BIM frame lies am
 
 
 def in_map(run: Run, anchors: Anchors | None = None, **more: Any) -> Array:
-    """T_map_bim after an optimisation with anchors."""
+    """T_map_local after an optimisation with anchors."""
     run.optimise(anchors, **more)
-    assert run.backend.T_map_bim is not None
-    return run.backend.T_map_bim
+    assert run.backend.T_map_local is not None
+    return run.backend.T_map_local
 
 
 def test_walls_and_floor_take_the_drift_away() -> None:
@@ -82,39 +82,39 @@ def test_anchors_recover_the_bim_frame_and_can_be_withdrawn(steps: int) -> None:
     found = []
     for _ in range(2):
         run = Run()
-        anchors, T_map_bim = anchors_of(run, FAR, pose(0.15, -0.1, 0.1, 0.03, 0.01, -0.01))
+        anchors, T_map_local = anchors_of(run, FAR, pose(0.15, -0.1, 0.1, 0.03, 0.01, -0.01))
         T = in_map(run, anchors, steps=steps)
         found.append((run.backend.poses.tobytes(), T.tobytes()))
     assert found[0] == found[1]  # the same run gives the same bits
-    assert np.linalg.norm((T - T_map_bim)[:3, 3]) < 0.02
-    assert angle_between(T[:3, :3], T_map_bim[:3, :3]) < np.radians(0.1)
-    off = inverse(T) @ run.backend.poses - inverse(T_map_bim) @ run.truth
+    assert np.linalg.norm((T - T_map_local)[:3, 3]) < 0.02
+    assert angle_between(T[:3, :3], T_map_local[:3, :3]) < np.radians(0.1)
+    off = inverse(T) @ run.backend.poses - inverse(T_map_local) @ run.truth
     assert np.linalg.norm(off[:, :3, 3], axis=1).max() < 0.015
     run.optimise(built_otherwise(anchors, 1, 0.3))
     run.optimise()
-    assert run.backend.T_map_bim is None and run.errors().max() < 0.02
+    assert run.backend.T_map_local is None and run.errors().max() < 0.02
 
 
 def test_rooms_carry_anchors_too() -> None:
     run = Run()
     run.optimise()
-    anchors, T_map_bim = anchors_of(run, FAR, pose(0.1, 0.1, 0.0, 0.02))
+    anchors, T_map_local = anchors_of(run, FAR, pose(0.1, 0.1, 0.0, 0.02))
     T_map_room, planes = inverse(run.T_building_map) @ pose(3.0, 4.0, 0.0), run.backend.planes_in_map
     room = RoomNode(7, T_map_room, {w: transform_planes(inverse(T_map_room), planes[w]) for w in range(4)})
-    by_room = Anchors(anchors.T_map_bim, {}, {7: FAR @ pose(3.0, 4.0, 0.0)}, anchors.elevations)
+    by_room = Anchors(anchors.T_map_local, {}, {7: FAR @ pose(3.0, 4.0, 0.0)}, anchors.elevations)
     T = in_map(run, by_room, rooms=[room])
-    assert np.linalg.norm((T - T_map_bim)[:2, 3]) < 0.03
-    assert angle_between(T[:3, :3], T_map_bim[:3, :3]) < np.radians(0.5)
-    run.optimise(Anchors(anchors.T_map_bim, {}, {8: np.eye(4)}, {}), [room])  # a room that is gone: no anchor at all
+    assert np.linalg.norm((T - T_map_local)[:2, 3]) < 0.03
+    assert angle_between(T[:3, :3], T_map_local[:3, :3]) < np.radians(0.5)
+    run.optimise(Anchors(anchors.T_map_local, {}, {8: np.eye(4)}, {}), [room])  # a room that is gone: no anchor at all
     assert run.errors().max() < 0.02
 
 
 @pytest.mark.parametrize("metres", [0.1, 0.3, -0.2])
 def test_an_anchor_that_is_far_off_hardly_pulls(metres: float) -> None:
     run = Run()
-    anchors, T_map_bim = anchors_of(run, AMID)
+    anchors, T_map_local = anchors_of(run, AMID)
     T = in_map(run, built_otherwise(anchors, 0, -metres))
-    assert np.linalg.norm((T - T_map_bim)[:3, 3]) < 0.02 and run.errors().max() < 0.02
+    assert np.linalg.norm((T - T_map_local)[:3, 3]) < 0.02 and run.errors().max() < 0.02
 
 
 def as_built(anchors: Anchors, seed: int, times: float = 1.0) -> Anchors:
@@ -136,11 +136,11 @@ def test_poses_err_as_their_covariances_say(times: float) -> None:
     squared, chosen = [], list(range(0, 40, 10))
     for seed in range(8):
         run = Run(count=40, seed=seed)
-        anchors, T_map_bim = anchors_of(run, AMID)
+        anchors, T_map_local = anchors_of(run, AMID)
         T, uncertainty = in_map(run, as_built(anchors, seed, times)), run.backend.uncertainty()
         assert uncertainty is not None
         for i, P in zip(chosen, uncertainty.pose_covariances(chosen), strict=True):
-            error = local_coordinates(inverse(T) @ run.backend.poses[i], inverse(T_map_bim) @ run.truth[i])
+            error = local_coordinates(inverse(T) @ run.backend.poses[i], inverse(T_map_local) @ run.truth[i])
             squared.append(error @ np.linalg.solve(P, error) / 6)
     assert 0.3 < np.mean(squared) < 3.0
 

@@ -35,10 +35,10 @@ def anchored(run: Run) -> tuple[Anchors, Array]:
     return anchors_of(run, pose(3.0, -8.0, 12.5, 2.5))
 
 
-def off(run: Run, T_map_bim: Array) -> float:
+def off(run: Run, T_map_local: Array) -> float:
     """m, of the BIM frame."""
-    assert run.backend.T_map_bim is not None
-    return float(np.linalg.norm((run.backend.T_map_bim - T_map_bim)[:3, 3]))
+    assert run.backend.T_map_local is not None
+    return float(np.linalg.norm((run.backend.T_map_local - T_map_local)[:3, 3]))
 
 
 def barred(log: FactorLog) -> set[tuple[Kind, object]]:
@@ -80,24 +80,24 @@ def test_a_factor_that_gtsam_refuses_is_barred_and_all_else_holds(caplog: pytest
 
 def test_anchors_that_break_the_optimizer_are_withdrawn_and_can_come_back(caplog: pytest.LogCaptureFixture) -> None:
     run = Run()
-    anchors, T_map_bim = anchored(run)
-    run.optimise(replace(anchors, T_map_bim=np.where(np.eye(4) > 0, np.nan, anchors.T_map_bim)))
-    assert "failed" in caplog.text and run.backend.T_map_bim is None
+    anchors, T_map_local = anchored(run)
+    run.optimise(replace(anchors, T_map_local=np.where(np.eye(4) > 0, np.nan, anchors.T_map_local)))
+    assert "failed" in caplog.text and run.backend.T_map_local is None
     assert run.errors().max() < 0.02 and not run.backend.log.held("anchor")
     run.optimise(anchors)
-    assert off(run, T_map_bim) < 0.02
+    assert off(run, T_map_local) < 0.02
 
 
 @pytest.mark.parametrize("number", [0, 7])  # the first of a wall, and one of those after it
 def test_refused_numbers_are_logged_once_and_left_out(number: int, caplog: pytest.LogCaptureFixture) -> None:
     run = Run()
     run.seen[number].plane = np.full(4, np.nan)
-    anchors, T_map_bim = anchored(run)
+    anchors, T_map_local = anchored(run)
     spoilt = {**anchors.planes, 4: [replace(anchors.planes[4][0], plane=np.zeros(4))]}
     for _ in range(2):
         run.optimise(replace(anchors, planes=spoilt))
     assert caplog.text.count("is refused: a plane must be four finite numbers") == 2 and "failed" not in caplog.text
-    assert off(run, T_map_bim) < 0.02 and run.errors().max() < 0.02
+    assert off(run, T_map_local) < 0.02 and run.errors().max() < 0.02
 
 
 def test_what_is_beyond_repair_leaves_the_last_optimum(caplog: pytest.LogCaptureFixture) -> None:

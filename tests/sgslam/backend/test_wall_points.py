@@ -64,8 +64,8 @@ def refined(built: SceneGraph, seed: int, error: list[float], sigma: float = 0.0
     faces = faces_of(flat({}))
     backend.refine(faces, wall_points(faces, zip(odd, clouds, strict=True)))
     known = backend.uncertainty()
-    assert backend.T_map_bim is not None and known is not None
-    found = inverse(backend.T_map_bim) @ backend.poses
+    assert backend.T_map_local is not None and known is not None
+    found = inverse(backend.T_map_local) @ backend.poses
     sigmas = np.sqrt(np.diagonal(known.pose_covariances(list(range(len(x)))), axis1=1, axis2=2))[:, [3, 4, 2]]
     return in_plan(odd) - in_plan(found), in_plan(found) - in_plan(truth), sigmas
 
