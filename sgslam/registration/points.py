@@ -17,13 +17,13 @@ Floats = NDArray[np.float64]
 Ints32 = NDArray[np.int32]
 Vector = tuple[float, float, float]
 
-FIRST_KERNEL = 2.5  # times the kernel, in the first iteration: the prediction errs
+FIRST_OF_KERNEL = 2.5  # times the kernel, in the first iteration: the prediction errs
 CONVERGED = 1e-3  # m and rad, an update below which the registration stops
 STRAYED = 5e-3  # m and rad: where knots move by less, fewer than one point in a hundred is on another plane
 UNKNOWN = -1  # the plane of a point that was not looked for; 0 is none
-KERNEL = 5.0  # times the median residual
-TO_SIGMA = 1.48  # times the median residual, the standard deviation of a normal distribution
-SIGMA = 6.0  # times the median residual, the least sigma of a point as it is weighted
+KERNEL_OF_RESIDUAL = 5.0  # times the median residual
+SIGMA_OF_MEDIAN = 1.48  # times the median residual, the standard deviation of a normal distribution
+LEAST_SIGMA_OF_RESIDUAL = 6.0  # times the median residual, the least sigma of a point as it is weighted
 
 
 class Weights(NamedTuple):
@@ -184,8 +184,8 @@ def _weighed(
         sums[of, 1] += off[p]
         sums[of, 2] += off[p] * off[p]
     residual = float(np.median(np.abs(off)))
-    kernel = min(widest, max(weights.kernel, KERNEL * residual))
-    sigma = max(weights.kernel, SIGMA * residual)
+    kernel = min(widest, max(weights.kernel, KERNEL_OF_RESIDUAL * residual))
+    sigma = max(weights.kernel, LEAST_SIGMA_OF_RESIDUAL * residual)
     # each point's weight, and the sum of these times the misfit of their plane
     weight = np.empty(len(plane))
     for p in range(len(plane)):
@@ -193,7 +193,7 @@ def _weighed(
         mean = sums[of, 1] / sums[of, 0]
         robust = scale / (scale + off[p] * off[p] + max(sums[of, 2] / sums[of, 0] - mean * mean, 0.0))
         weight[p] = every * robust * robust / (sigma * sigma + spread[p])
-        sums[of, 3] += weight[p] * misfit(planes, plane[p], (TO_SIGMA * residual) ** 2)
+        sums[of, 3] += weight[p] * misfit(planes, plane[p], (SIGMA_OF_MEDIAN * residual) ** 2)
     is_placed = 2 * error < kernel
     moments = np.zeros((groups, 10))
     for p in range(len(plane)):

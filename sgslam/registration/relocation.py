@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import levelling
-from sgslam.registration.points import FIRST_KERNEL
+from sgslam.registration.points import FIRST_OF_KERNEL
 from sgslam.registration.window import Solved
 from sgslam.surfels.cells import SIDES, cell_of, key_of
 from sgslam.surfels.search import FOLLOWED, Surfels, is_met_in, nearest_plane
@@ -21,7 +21,7 @@ Guess = list[Floats]  # the poses (4, 4) of the knots that are not known yet
 
 _LOST_TURNS = (-60.0, -30.0, 30.0, 60.0, 90.0)  # degrees about each axis, while the sensor was lost
 _SWINGS = (-36.0, -18.0, 18.0, 36.0)  # degrees from the prediction: a hand turns back by as much within a scan
-_WIDE = 8.0  # times the kernel, after a poor prediction
+_WIDE_OF_KERNEL = 8.0  # times the kernel, after a poor prediction
 _ITERATIONS = 16  # at most
 _FEW = 4  # iterations that show which of many predictions lead to the map,
 _SAMPLE = 4  # with one of so many points
@@ -50,15 +50,17 @@ def best_attempt(
     gyroscope, no other one is tried.
     """
 
+    wide = _WIDE_OF_KERNEL * settings.kernel
+
     def closest(best: Solved, guesses: list[Guess]) -> Solved:
         if len(guesses) > _FINISHED:
-            close = np.array([attempt(guess, _WIDE * settings.kernel, _FEW, _SAMPLE).close for guess in guesses])
+            close = np.array([attempt(guess, wide, _FEW, _SAMPLE).close for guess in guesses])
             chosen = np.argsort(close, kind="stable")[-_FINISHED:]
             guesses = [guesses[i] for i in sorted(chosen) if _SAMPLE * close[i] > best.close]
-        finished = [attempt(guess, _WIDE * settings.kernel, _ITERATIONS, 1) for guess in guesses]
+        finished = [attempt(guess, wide, _ITERATIONS, 1) for guess in guesses]
         return max([best, *finished], key=lambda solved: solved.close)
 
-    best = attempt(ahead, FIRST_KERNEL * settings.kernel, _ITERATIONS, 1)
+    best = attempt(ahead, FIRST_OF_KERNEL * settings.kernel, _ITERATIONS, 1)
     if fits(best):
         return best
     turned = [] if stopped is None or turn_known or not was_lost else _turned(stopped, _LOST_TURNS)

@@ -20,8 +20,8 @@ from sgslam.registration.motion import pose_at
 from sgslam.registration.motion_prior import add_height, add_velocities
 from sgslam.registration.points import (
     CONVERGED,
-    FIRST_KERNEL,
-    KERNEL,
+    FIRST_OF_KERNEL,
+    KERNEL_OF_RESIDUAL,
     STRAYED,
     UNKNOWN,
     Weights,
@@ -72,7 +72,7 @@ class _Seen:
             weights, self.H, self.g, self.F,
         )  # fmt: skip
         project_out_spurious(self.H, self.g, self.F, weights.spurious)
-        self.moved, self.kernel = 0.0, min(self.kernel, max(weights.kernel, KERNEL * residual))
+        self.moved, self.kernel = 0.0, min(self.kernel, max(weights.kernel, KERNEL_OF_RESIDUAL * residual))
         of_all = self.H.reshape(len(knots), 6, len(knots), 6).sum(axis=(0, 2)) + np.eye(6) / _UNKNOWN
         self.height_variance = float(np.linalg.inv(of_all)[5, 5])
 
@@ -100,7 +100,7 @@ def smoothed(
     for number in range(_MAPS):
         surfels = _map_of(scans, knots_of, motion, is_known).arrays
         for own in seen:
-            own.begin(settings.kernel if number else FIRST_KERNEL * settings.kernel)
+            own.begin(settings.kernel if number else FIRST_OF_KERNEL * settings.kernel)
         for _ in range(_ITERATIONS):
             _look(seen, scans, [motion.knots[own] for own in knots_of], surfels, weights)
             step = _solved(seen, firsts, motion, model.prior, weights)

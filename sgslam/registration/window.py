@@ -20,7 +20,16 @@ from sgslam.registration.motion_prior import (
     add_velocities,
     velocity_between,
 )
-from sgslam.registration.points import CONVERGED, KERNEL, SIGMA, STRAYED, TO_SIGMA, UNKNOWN, Weights, point_equations
+from sgslam.registration.points import (
+    CONVERGED,
+    KERNEL_OF_RESIDUAL,
+    LEAST_SIGMA_OF_RESIDUAL,
+    SIGMA_OF_MEDIAN,
+    STRAYED,
+    UNKNOWN,
+    Weights,
+    point_equations,
+)
 from sgslam.surfels import Surfels
 
 Floats = NDArray[np.float64]
@@ -125,7 +134,7 @@ class Solved:
         factor)."""
         counts = np.bincount(self.plane_of[self.plane_of > 0])
         alike = _ALIKE + _OF_PLANE * float((counts**2).sum() / max(counts.sum(), 1))
-        return min(alike * (TO_SIGMA * self.residual / self.sigma) ** 2, 1.0) if counts.any() else 1.0
+        return min(alike * (SIGMA_OF_MEDIAN * self.residual / self.sigma) ** 2, 1.0) if counts.any() else 1.0
 
     @cached_property
     def covariance(self) -> Floats:
@@ -196,7 +205,7 @@ def solve(window: Window, predicted: Floats, first_kernel: float, iterations: in
     )
     return Solved(
         window.at, knots, predicted, H, measured, plane_of[window.begins[-2] :], found, close, residual, count,
-        moved_by < CONVERGED, max(window.weights.kernel, SIGMA * residual),
+        moved_by < CONVERGED, max(window.weights.kernel, LEAST_SIGMA_OF_RESIDUAL * residual),
     )  # fmt: skip
 
 
@@ -235,7 +244,7 @@ def _solve(
             moved[s] = 0.0
             if is_newest:
                 residual, found, close = result
-                kernel = min(kernel, max(weights.kernel, KERNEL * residual))
+                kernel = min(kernel, max(weights.kernel, KERNEL_OF_RESIDUAL * residual))
                 error = kernel - weights.kernel
         H[:, :], g[:], F[:, :] = 0.0, 0.0, 0.0
         for s in range(scans):
