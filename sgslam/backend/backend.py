@@ -28,6 +28,8 @@ __all__ = ["Anchors", "Backend", "PlannedWall", "RoomNode"]
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 _LONGEST = 100.0  # m from keyframe to keyframe; no robot moves further
+# of the place on which the walls agree: rad and m, of heading and in plan view; tilt and height are free
+_PLACE = np.array([1.0, 1.0, 0.002, 0.02, 0.02, 1.0])
 _BELIEVABLE = 1e4  # largest error for each factor at an optimum: a hundred sigma
 
 
@@ -187,10 +189,11 @@ class Backend:
         """Moves the estimates of an anchored map to the optimum of a graph in which points on planned walls take the
         place of the anchors of rooms, and of walls but for their directions. The log stays as it is."""
         inputs, settings = self._inputs, self._config.anchors
-        assert inputs.anchors is not None
+        assert inputs.anchors is not None and self.T_map_local is not None
         # what is known of the poses: walls were extracted from the same points, which count once
         known = self.log.graph(lambda kind, key: kind not in ("wall", "room") and not _is_anchor_of_wall(kind, key))
         start = start_values(self.log.graph(), inputs, self.keyframes, self.planes_in_map, self.levels_in_map)
+        start.update(BIM, gtsam.Pose3(self.T_map_local))  # where the points were seen from, not where it was before
         walls = sorted({int(faces.wall[face]) for face in seen.face.tolist()})
         for wall in walls:
             start.insert(V(wall), np.zeros(1))
@@ -201,6 +204,8 @@ class Backend:
         graph.push_back(known)
         for factor in self._builder.directions(inputs.anchors, inputs.anchor_of):
             graph.add(factor)
+        # where most walls are moved the place that the walls agree on holds
+        graph.add(gtsam.PriorFactorPose3(BIM, start.atPose3(BIM), gtsam.noiseModel.Diagonal.Sigmas(_PLACE)))
         if failure := self._solve(inputs, steps, graph, start):
             _log.warning("the adjustment of %d keyframes failed: %s", len(self.keyframes), failure)
         elif self._optimum is not None:
