@@ -2,32 +2,14 @@
 
 import logging
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
-from typing import Literal, TypedDict
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Literal
 
 from sgslam.serialization import Stateful
 
 State = Literal["tight", "loose", "withdrawn"]
 Key = tuple[int, str]  # wall, A surface
 _log = logging.getLogger(__name__)
-
-
-class AnchorEventEntry(TypedDict):
-    """`AnchorEvent` as plain values."""
-
-    stamp_ns: int
-    state: State
-    why: str
-
-
-class AnchorEntry(TypedDict):
-    """`AnchorRecord` as plain values: `wall` is an id of the S-graph, `a_id` of the A-graph, `state` the newest."""
-
-    wall: str
-    a_id: str
-    by: str
-    state: State
-    events: list[AnchorEventEntry]
 
 
 @dataclass(frozen=True)
@@ -53,12 +35,10 @@ class AnchorRecord:
         """The newest state."""
         return self.events[-1].state
 
-    def to_dict(self) -> AnchorEntry:
-        """Returns plain values; the wall is named by its id in the S-graph."""
-        return {
-            "wall": f"w{self.wall}", "a_id": self.a_id, "by": self.by, "state": self.state,
-            "events": [{"stamp_ns": e.stamp_ns, "state": e.state, "why": e.why} for e in self.events],
-        }  # fmt: skip
+    def to_dict(self) -> dict[str, Any]:
+        """Returns plain values and the newest state; the wall is named by its id in the S-graph."""
+        events = [asdict(event) for event in self.events]
+        return {"wall": f"w{self.wall}", "a_id": self.a_id, "by": self.by, "state": self.state, "events": events}
 
 
 @dataclass(frozen=True)

@@ -253,8 +253,6 @@ def merged(anchors: list[Anchors]) -> Anchors:
     """Merges the anchors of one or more floors into those of the building."""
     first = anchors[0]
     for more in anchors[1:]:
-        first = replace(
-            first, planes=first.planes | more.planes, rooms=first.rooms | more.rooms,
-            elevations=first.elevations | more.elevations,
-        )  # fmt: skip
+        planes, rooms = first.planes | more.planes, first.rooms | more.rooms
+        first = replace(first, planes=planes, rooms=rooms, elevations=first.elevations | more.elevations)
     return first

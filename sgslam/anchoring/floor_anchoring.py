@@ -97,7 +97,7 @@ class FloorAnchoring:
             before = self.committed
             self._ask(scene, walls, T_map_local, last)
             if before is not None and self.committed is before and alignment is None:
-                self._withdraw(scene, "the walls no longer agree on a place in the plan")
+                self.withdraw(scene, "the walls no longer agree on a place in the plan")
             alignment = self.alignment(scene, walls, T_map_local)
         if alignment is None:
             return None
@@ -134,8 +134,11 @@ class FloorAnchoring:
 
     def withdraw(self, scene: Scene, why: str) -> None:
         """Withdraws the commitment and its anchors, if there are any."""
-        if self.committed is not None:
-            self._withdraw(scene, why)
+        if self.committed is None:
+            return
+        self.commitment.clear()
+        self.log.withdraw_all(scene.graph.keyframes[-1].stamp_ns, why)
+        _log.warning("the match behind the anchors is withdrawn: %s", why)
 
     def aligned_share(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> float:
         """The share of the walls that stand as planned; 0 where too few do, or they agree on no place."""
@@ -180,7 +183,7 @@ class FloorAnchoring:
         """Commits to one of the places of the newest answer, which the other floors make sure, if its walls agree."""
         placed = self.matching.placed_at(chosen, scene, walls)
         if placed is not None:
-            self.commitment.commit(placed.match, placed.place, scene)
+            self.commitment.commit(*placed, scene)
 
     def _ask(self, scene: Scene, walls: WallMap, T_map_local: Floats | None, last: bool) -> None:
         """Asks the matcher and commits to a sure answer.
@@ -190,25 +193,20 @@ class FloorAnchoring:
         """
         matching, own, settings = self.matching, self.commitment, self._config.anchors
         matching.ask(scene, last)
-        placed = matching.sure_match(scene, walls)
+        placed = matching.placed_at(matching.posterior.places[0], scene, walls) if matching.is_sure else None
         if self.committed is not None:
             here, floor = own.place_now(walls, T_map_local), own.floor
-            elsewhere = placed is not None and (placed.match.floor != floor or differ(placed.place, here, scene.graph))
+            elsewhere = placed is not None and (placed[0].floor != floor or differ(placed[1], here, scene.graph))
             probable = matching.posterior.at(self._plan.T_a_s(here), floor, scene.graph) >= settings.withdraw
             if own.follows and (elsewhere or placed is None):
                 return
             if elsewhere:
-                self._withdraw(scene, f"{self._match_name} places the map elsewhere")
+                self.withdraw(scene, f"{self._match_name} places the map elsewhere")
                 own.replaced = True
             elif placed is None and not probable:
-                self._withdraw(scene, self.reason)
+                self.withdraw(scene, self.reason)
         if placed is not None:
-            own.commit(placed.match, placed.place, scene)
-
-    def _withdraw(self, scene: Scene, why: str) -> None:
-        self.commitment.clear()
-        self.log.withdraw_all(scene.graph.keyframes[-1].stamp_ns, why)
-        _log.warning("the match behind the anchors is withdrawn: %s", why)
+            own.commit(*placed, scene)
 
     def _anchors(
         self, scene: Scene, floor: FloorMap, alignment: WallAlignment, T_map_local: Floats | None,
@@ -219,21 +217,16 @@ class FloorAnchoring:
         T_local_level = se2_to_se3(yaw, x, y, self.height if heights is None else heights.raised)
         planned, by_rooms = planned_walls(alignment, scene, statuses, T_local_level, self._plan.origin)
         place = self.commitment.place_now(walls, T_map_local)
-        valid = T_map_local is not None and not self.commitment.replaced
-        moved = differ(alignment.place, place, scene.graph, _MOVED)
-        if T_map_local is None or not valid or moved or self._is_raised(T_local_level, walls, T_map_local, heights):
+        moved = self.commitment.replaced or differ(alignment.place, place, scene.graph, _MOVED)
+        if T_map_local is not None and heights is not None:
+            z = float(inverse(walls.T_level_map @ T_map_local)[2, 3])
+            moved = moved or abs(z - heights.raised) > _SAME_LEVEL
+        if T_map_local is None or moved:
             T_map_local = inverse(T_local_level @ walls.T_level_map)
         rooms = room_anchors(scene, by_rooms, self.height) if settings.rooms else {}
         elevations = {} if heights is None else heights.planned
         planes = planned if settings.planes else {}
         return Anchors(T_map_local, planes, rooms, elevations, self._match_name)
-
-    def _is_raised(
-        self, T_local_level: Floats, walls: WallMap, T_map_local: Floats, heights: LevelAlignment | None
-    ) -> bool:  # fmt: skip
-        """Whether the plan's heights put the map elsewhere than the back end's T_map_local (4, 4)."""
-        z = float(inverse(walls.T_level_map @ T_map_local)[2, 3])
-        return heights is not None and abs(z - T_local_level[2, 3]) > _SAME_LEVEL
 
     def _heights(self, floor: FloorMap, alignment: WallAlignment) -> LevelAlignment | None:
         """The level surfaces of the floor in the plan; None where they, or the plan, do not show its height."""

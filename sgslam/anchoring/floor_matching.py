@@ -1,7 +1,6 @@
 """Matching one floor of the S-graph: what the matcher is asked, and the posterior of the floor's place that follows."""
 
 import logging
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,14 +25,6 @@ MIRRORED_REASON = (
 )
 STOREY_REASON = "storey '{}' of the plan explains the map better than the one that was given; check --storey"
 HEIGHT_REASON = "the height between the floors rules out its storey"
-
-
-@dataclass(frozen=True)
-class PlacedMatch:
-    """An answer that is sure, with the place (3,), T_local_level, that its walls agree on."""
-
-    match: MatchResult
-    place: Floats
 
 
 class FloorMatching(Stateful):
@@ -98,12 +89,9 @@ class FloorMatching(Stateful):
             return False
         return best.floor == self._stated or self._stated is None
 
-    def sure_match(self, scene: Scene, walls: WallMap) -> PlacedMatch | None:
-        """The newest answer, if it is sure, at the place on which its walls agree; None if they do not agree on one."""
-        return self.placed_at(self.posterior.places[0], scene, walls) if self.is_sure else None
-
-    def placed_at(self, chosen: Place, scene: Scene, walls: WallMap) -> PlacedMatch | None:
-        """The newest answer at a chosen one of its places; None if its walls do not agree there."""
+    def placed_at(self, chosen: Place, scene: Scene, walls: WallMap) -> tuple[MatchResult, Floats] | None:
+        """The newest answer at a chosen one of its places, with the place (3,), T_local_level, on which its walls agree
+        there; None if they do not."""
         assert self.match is not None
         storey = self._plan.storey(chosen.floor)
         match = match_at(chosen, self.match, scene.graph, storey, self._settings)
@@ -116,7 +104,7 @@ class FloorMatching(Stateful):
             _log.info("match %d is rejected: %s", self.count, self.rejection)
             return None
         self.match = match
-        return PlacedMatch(match, place)
+        return match, place
 
     def _matched(self, s: SceneGraph) -> MatchResult:
         return self._matcher.match(s, self._plan.storey(self.storey))

@@ -40,14 +40,6 @@ class Pairs:
     length: Floats
     unit: NDArray[np.int64]
 
-    def only(self, which: NDArray[np.int64]) -> "Pairs":
-        """The pairs with the given numbers (M,)."""
-        _, unit = np.unique(self.unit[which], return_inverse=True)
-        return Pairs(
-            self.seen[which], self.seen_normal[which], self.planned[which], self.planned_normal[which],
-            self.length[which], unit.astype(np.int64),
-        )  # fmt: skip
-
     def offsets(self, T_plan_map: Floats) -> Floats:
         """(N,) or (K, N) offsets (m) of the mapped walls before their planned ones, under motions (..., 3), yaw x y."""
         yaw = T_plan_map[..., 0, None, None]

@@ -13,7 +13,6 @@ from data import SceneGraph
 from data.geometry.poses import poses_to_xyzquat
 from data.plans.bim import IFC_SUFFIXES
 from data.trajectory import Trajectory
-from sgslam.anchoring import AnchorEntry
 from sgslam.backend import FactorLog
 from sgslam.config import Config
 from sgslam.mapping import KeyframeClouds
@@ -77,7 +76,7 @@ class Result:
     s_graph: SceneGraph
     a_graph: SceneGraph | None
     matches: "MatchesFile | None"
-    anchors: list[AnchorEntry]
+    anchors: list[dict[str, Any]]
     factors: FactorLog
     pose_covariances: PoseCovariances | None
     first_anchor_s: float | None

@@ -5,6 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 from boxes import Array
+from numpy.typing import NDArray
 
 from data import WallSurface
 from sgslam.anchoring.se2_consensus import Pairs, determined, find_consensus
@@ -84,9 +85,13 @@ def test_the_gate_follows_the_scatter_of_the_walls(noise: float, off: float, agr
     assert found is not None and found.agree[2] == agrees
 
 
+def only(pairs: Pairs, which: NDArray[np.int64]) -> Pairs:
+    return Pairs(*(getattr(pairs, field.name)[which] for field in fields(Pairs)))
+
+
 def test_many_pieces_of_one_moved_wall_have_one_vote() -> None:
     pairs, true, _ = storey(3)
-    own = pairs.only(np.full(30, 2))
+    own = only(pairs, np.full(30, 2))
     pieces = replace(own, planned=own.planned + np.array([0.0, 0.2]), length=np.ones(30), unit=np.full(30, 99))
     both = Pairs(*(np.concatenate([getattr(p, f.name) for p in (pairs, pieces)]) for f in fields(Pairs)))
     found = find_consensus(both, true, TURNED)
@@ -96,7 +101,7 @@ def test_many_pieces_of_one_moved_wall_have_one_vote() -> None:
 
 
 def test_a_vote_grows_with_the_root_of_a_walls_length_up_to_six_metres() -> None:
-    four = storey(0, rooms=1)[0].only(np.arange(4))
+    four = only(storey(0, rooms=1)[0], np.arange(4))
     votes = replace(four, length=np.array([1.5, 1.5, 12.0, 4.0]), unit=np.array([0, 0, 1, 2])).votes()
     np.testing.assert_allclose(votes, [np.sqrt(3) / 2, np.sqrt(3) / 2, np.sqrt(6), 2.0])
 
@@ -111,7 +116,7 @@ def test_a_vote_grows_with_the_root_of_a_walls_length_up_to_six_metres() -> None
 )
 def test_walls_fix_a_place_that_are_three_and_of_two_directions(walls: list[int], is_found: bool) -> None:
     pairs, true, _ = storey(0)
-    assert (find_consensus(pairs.only(np.array(walls)), true, TURNED) is not None) == is_found
+    assert (find_consensus(only(pairs, np.array(walls)), true, TURNED) is not None) == is_found
 
 
 @pytest.mark.parametrize(("degrees", "is_determined"), [(None, False), (41.0, False), (42.0, True), (90.0, True)])
