@@ -108,7 +108,7 @@ QUICK = Choice(
     carriers=("wheeled", "handheld", "pole", RECORDING),
     effects=((),),
     seconds=40.0,
-    per_cell=2,
+    per_cell=4,
 )
 STUDY = study_of_runs(
     "trust", "whether a run is ever anchored at a wrong place, whatever goes wrong", QUICK, cases, tables, claims
