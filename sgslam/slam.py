@@ -1,7 +1,6 @@
 """The algorithm: from scans to an S-graph, matched with and anchored to a plan, and a trajectory in the BIM frame."""
 
 import logging
-import pickle
 from dataclasses import replace
 from typing import Any
 
@@ -17,6 +16,7 @@ from sgslam.odometry import Odometry
 from sgslam.registration.motion import deskewed
 from sgslam.result import Result
 from sgslam.result.finishing import assemble_result
+from sgslam.serialization import pack, unpack
 from sgslam.session import PriorMap, Session, Stopwatch
 from sgslam.session.run_state import RunState
 from sgslam.session.second_pass import pass_again
@@ -52,7 +52,7 @@ class SceneGraphSlam(RunState):
         self._config, self._stopwatch = config, stopwatch or Stopwatch()
         self._tracking = RunTracker(config, odometry)
         self._session = Session(config, a_graph, matcher, prior, storey)
-        self._map = self._session.begin(clouds, self._stopwatch)
+        self._clouds, self._map = clouds, self._session.begin(clouds, self._stopwatch)
         self._tracked: list[TrackedScan] = []  # scans that are not in the map yet
         self._elsewhere: TrackerNotes | None = None  # of a tracker elsewhere
 
@@ -156,7 +156,7 @@ class SceneGraphSlam(RunState):
         session, notes = self._session, self._elsewhere or self._tracking.notes
         single, again = None, False
         if second_pass and session.prior is None and not session.unplaced and not notes.has_imu:
-            single = pickle.dumps(self._map.state()) if self.anchored else None
+            single = pack(self._map, self._config, **self._given) if self.anchored else None
             again = pass_again(self._map, self._config.tracking)
         self._map.refine()
         advice = list(notes.advice)
@@ -168,8 +168,7 @@ class SceneGraphSlam(RunState):
         if single is None or not again or result.anchored:
             return result
         _log.warning("the second pass is left out: after it, %s", result.reason)
-        self._map = session.begin(self.clouds, self._stopwatch)
-        self._map.restore(pickle.loads(single))
+        self._map = unpack(single, self._config, **self._given)
         self._map.complete()
         self._map.refine()
         return assemble_result(self._map, *finished, passed_again=False)

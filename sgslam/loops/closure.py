@@ -8,7 +8,7 @@ directions, and neither pass may see through the other's walls. For large correc
 
 import logging
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,16 +119,6 @@ class LoopCloser:
         self.closures[:] = [closure for closure in self.closures if id(closure) not in lost]
         self.withdrawn += gone
         return gone
-
-    def state(self) -> dict[str, Any]:
-        """Returns the state without `closures`, as a tree (see `state_tree`)."""
-        of = {"withdrawn": list(self.withdrawn), "pending": list(self._pending)}
-        return {**of, "looked": self._looked, "last_way": self._last_way}
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Restores what `state` returned."""
-        self._pending, self.withdrawn = state["pending"], state["withdrawn"]
-        self._looked, self._last_way = state["looked"], state["last_way"]
 
     def _places(self, known: _Map, new: Index) -> list[int]:
         """The keyframes to search for now: spread over the way, the newest first."""

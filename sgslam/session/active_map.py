@@ -4,7 +4,6 @@ import logging
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +44,7 @@ class ActiveMap:
     ) -> None:
         self._config = config
         self.anchoring, self.clouds, self.stopwatch = anchoring, clouds, stopwatch
-        self.points = ScanPoints(config.tracking, None if clouds.path is None else clouds.path.parent)
+        self.points = ScanPoints(config.tracking, clouds)
         self.floors = Floors(config)
         self.transition = FloorTransition(config.floors, config.surfaces.guessed_height)
         self._surfels = SurfelMap()  # of the scans since the last keyframe, in `odom`
@@ -298,27 +297,3 @@ class ActiveMap:
         known = self.floors.maps if self.backend.keyframes else []
         scenes = [floor.scene_now(self.backend, self._config) for floor in known]
         return self.floors.graph(self.backend.keyframes, scenes)
-
-    @property
-    def _parts(self) -> dict[str, Any]:
-        parts = {
-            "rule": self._keyframe_rule, "floors": self.floors, "backend": self.backend, "loops": self.loops,
-            "surfels": self._surfels, "transition": self.transition, "steps": self._steps, "points": self.points,
-        }  # fmt: skip
-        return parts if self.anchoring is None else {**parts, "anchoring": self.anchoring}
-
-    def state(self) -> dict[str, Any]:
-        """The state as a tree (see `state_tree`), without the keyframe clouds; not a copy."""
-        own = {
-            "scans": self.scans, "begins": self.begins, "first_anchor_ns": self.first_anchor_ns,
-            "T_bim_map": self.T_bim_map, "sensor_height": self.transition.height, "covariance": self._covariance,
-            "is_external": self.is_external,
-        }  # fmt: skip
-        return own | {name: part.state() for name, part in self._parts.items()}
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Restores a tree that `state` returned. Raises KeyError, TypeError or ValueError if it does not fit."""
-        for name, part in self._parts.items():
-            part.restore(state[name])
-        self._covariance, self.is_external = state["covariance"], state["is_external"]
-        self.scans, self.begins, self.first_anchor_ns = state["scans"], state["begins"], state["first_anchor_ns"]

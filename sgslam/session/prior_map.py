@@ -3,7 +3,6 @@
 import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +16,10 @@ from sgslam.config import Config
 from sgslam.geometry.frames import inverse, level_map, transform_planes, transform_points
 from sgslam.mapping import FloorMap, Floors, KeyframeClouds
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
-from sgslam.serialization import read_state
-from sgslam.session.checkpoints import FILE, about_run
+from sgslam.serialization import read_state, unpack
+from sgslam.session.active_map import ActiveMap
+from sgslam.session.checkpoints import FILE, LOADING_FAILS, about_run
 from sgslam.session.scan_poses import ScanPose
-from sgslam.session.state_types import TYPES
 
 Floats = NDArray[np.float64]
 _SAME_FLOOR = 1.0  # m of height between two floors that are the same
@@ -50,21 +49,27 @@ class PriorMap:
         """Loads the map of a finished run's folder. Raises UserError if there is none or it is damaged."""
         if not about_run(folder).get("finished"):
             raise UserError(f"{folder}: that run was interrupted; finish it with --resume before using its map")
-        _, state = read_state(folder / FILE, TYPES)
-        backend, floors, clouds = Backend(config), Floors(config), folder / CLOUDS
+        path, voxel = folder / CLOUDS, config.clouds.keyframe_voxel
+        clouds = KeyframeClouds.open(path, voxel=voxel) if path.is_file() else KeyframeClouds(voxel=voxel)
         try:
-            saved = state["slam"]["map"]
-            backend.restore(saved["backend"])
-            floors.restore(saved["floors"])
-            voxel = config.clouds.keyframe_voxel
-            points = KeyframeClouds.open(clouds, voxel=voxel) if clouds.is_file() else KeyframeClouds(voxel=voxel)
-            return PriorMap(
-                backend, floors, saved["scans"], saved["begins"], saved["sensor_height"], saved["T_bim_map"],
-                saved["first_anchor_ns"], points,
-            )  # fmt: skip
-        except (KeyError, IndexError, ValueError, TypeError, AttributeError) as error:
+            return PriorMap.of(unpack(read_state(folder / FILE)[1]["map"], config, clouds=clouds)[1])
+        except LOADING_FAILS as error:
             why = f"{type(error).__name__}: {error}"
             raise UserError(f"{folder / FILE}: damaged, or of another version ({why}); run it again") from None
+
+    @staticmethod
+    def of(active: ActiveMap) -> "PriorMap":
+        """The map that a run has built."""
+        return PriorMap(
+            active.backend,
+            active.floors,
+            active.scans,
+            active.begins,
+            active.transition.height,
+            active.T_bim_map,
+            active.first_anchor_ns if active.T_bim_map is not None else None,
+            active.clouds,
+        )
 
     @property
     def T_plan_map(self) -> Floats:  # noqa: N802
@@ -82,24 +87,6 @@ class PriorMap:
             tuple(door for g in parts for door in g.doors),
             tuple(replace(floor, elevation=elevation.get(floor.id, 0.0)) for g in parts for floor in g.floors),
         )
-
-    def state(self) -> dict[str, Any]:
-        """The state as a tree (see `state_tree`), without the keyframe clouds."""
-        return {
-            "backend": self.backend.state(), "floors": self.floors.state(), "scans": self.scans, "begins": self.begins,
-            "height": self.height, "T_bim_map": self.T_bim_map, "first_anchor_ns": self.first_anchor_ns,
-        }  # fmt: skip
-
-    @staticmethod
-    def from_state(state: dict[str, Any], config: Config, clouds: KeyframeClouds) -> "PriorMap":
-        """The map of a tree that `state` returned."""
-        backend, floors = Backend(config), Floors(config)
-        backend.restore(state["backend"])
-        floors.restore(state["floors"])
-        return PriorMap(
-            backend, floors, state["scans"], state["begins"], state["height"], state["T_bim_map"],
-            state["first_anchor_ns"], clouds,
-        )  # fmt: skip
 
     def join(self, other: "PriorMap", T_map_other: Floats, config: Config, same_run: bool = False) -> None:
         """Merges another map at `T_map_other` (4, 4) into this one; walls that both have seen become one.
@@ -126,7 +113,7 @@ class PriorMap:
         self._append_scans(other, T_map_other, first)
         if not same_run:
             self.begins = self.begins + [len(self.scans) - len(other.scans) + begin for begin in other.begins]
-        self._append_clouds(other, first)
+        self._append_clouds(other, first, same_run)
         count = len(other.backend.keyframes)
         _log.info("merged %d keyframes into a map of %d; %d walls seen in both", count, first, len(same))
         for floor in self.floors.maps:  # floors that both have seen become one while the two maps are where they belong
@@ -227,12 +214,11 @@ class PriorMap:
             own = replace(scan, T_map_sensor=T, keyframe=scan.keyframe + keyframes, T_previous_sensor=previous)
             self.scans.append(own)
 
-    def _append_clouds(self, other: "PriorMap", keyframes: int) -> None:
-        both = KeyframeClouds(voxel=self.clouds.voxel)
-        for clouds, first in ((self.clouds, 0), (other.clouds, keyframes)):
-            for keyframe in clouds:
-                both.add(first + keyframe, clouds[keyframe])
-        self.clouds = both
+    def _append_clouds(self, other: "PriorMap", keyframes: int, same_run: bool) -> None:
+        if not same_run:  # the file of the other run stays as it is
+            earlier, self.clouds = self.clouds, KeyframeClouds(voxel=self.clouds.voxel)
+            self.clouds.take(earlier)
+        self.clouds.take(other.clouds, keyframes)
 
 
 def _foot(T: Floats, plane: Floats) -> Floats:

@@ -11,6 +11,7 @@ from sgslam.anchoring import AnchorRecord
 from sgslam.config import Config
 from sgslam.loops import LoopCloser
 from sgslam.mapping import KeyframeClouds
+from sgslam.serialization import pack, unpack
 from sgslam.session.active_map import ActiveMap
 from sgslam.session.scan_poses import at_stamps
 from sgslam.session.session import Session
@@ -30,6 +31,7 @@ class RunState:
     _tracking: RunTracker
     _session: Session
     _map: ActiveMap
+    _clouds: KeyframeClouds  # up to the first kidnap
 
     @property
     def anchored(self) -> bool:
@@ -136,26 +138,30 @@ class RunState:
         """The current state, for viewers."""
         return take_snapshot(self._map.backend, self._map.floors, self._map.anchoring, self._map.clouds)
 
-    def state(self) -> dict[str, Any]:
-        """The complete state as a tree (see `state_tree`), without the keyframes' points, which `clouds` stores.
+    def state(self) -> dict[str, bytes]:
+        """The complete state, of the tracker and of the map, without the keyframes' points, which `clouds` stores."""
+        run = self._session, self._map, self.seconds
+        return {"tracking": pack(self._tracking, self._config), "map": pack(run, self._config, **self._given)}
 
-        It is not a copy: write it before the next scan is added.
-        """
-        return {
-            "tracking": self._tracking.state(), "seconds": self.seconds,
-            "session": self._session.state(), "map": self._map.state(),
-        }  # fmt: skip
+    def restore(self, state: dict[str, bytes]) -> None:
+        """Restores what `state` returned, for the same building and settings; the run then continues bit by bit as the
+        saved one would have. It lacks "tracking" where another process tracks. Raises ValueError for another building,
+        and many kinds of errors for what is damaged."""
+        given = {**self._given, "matcher": self._session.matcher_in_use}
+        session, active, seconds = unpack(state["map"], self._config, **given)
+        if session.bim is not self._session.bim:
+            raise ValueError("of another building")
+        self._session, self._map, self._stopwatch.seconds = session, active, seconds
+        if "tracking" in state:
+            self._tracking = unpack(state["tracking"], self._config)
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Restores a tree that `state` returned, for the same building and settings; the run then continues bit by bit
-        as the saved one would have. Its "tracking" is None where another process tracks. Raises KeyError, TypeError or
-        ValueError if the tree does not fit."""
-        clouds = self._session.restore(state["session"], self.clouds)
-        self._map = self._session.begin(clouds, self._stopwatch)
-        self._map.restore(state["map"])
-        if state["tracking"] is not None:
-            self._tracking.restore(state["tracking"])
-        self._stopwatch.seconds = state["seconds"]
+    @property
+    def _given(self) -> dict[str, Any]:
+        """What a state names only."""
+        session = self._session
+        prior = None if session.kidnaps else session.prior  # it stays as it is until another map joins it
+        given = {"bim": session.bim, "matcher": session.matcher, "prior": prior}
+        return {**given, "clouds": self._clouds, "stopwatch": self._stopwatch}
 
     @property
     def newest_imu_ns(self) -> int | None:

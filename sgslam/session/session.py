@@ -1,7 +1,5 @@
 """The maps of a run: begins a map, merges it with the prior map, keeps submaps that are not relocalised yet."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,7 +31,7 @@ class Session:
         self, config: Config, bim: SceneGraph | None, matcher: AnyMatcher | None, prior: PriorMap | None,
         storey: str | None,
     ) -> None:  # fmt: skip
-        self._config, self.bim, self._matcher = config, bim, matcher
+        self._config, self.bim, self.matcher = config, bim, matcher
         self._start = None if storey is None or bim is None else floor_named(bim, storey).id
         self.prior = prior
         self.kidnaps = 0
@@ -48,7 +46,7 @@ class Session:
     def split(self, ended: ActiveMap) -> ActiveMap:
         """Begins a new map after the sensor was carried elsewhere; the ended map becomes or joins the prior map."""
         ended.complete()
-        T_prior_map, own = self.T_prior_map(ended), _as_prior(ended)
+        T_prior_map, own = self.T_prior_map(ended), PriorMap.of(ended)
         if self.prior is None:
             self.prior = own
         elif T_prior_map is not None:
@@ -70,7 +68,7 @@ class Session:
     def _join(self, ended: ActiveMap) -> Relocalisation:
         """Merges a completed map with the prior map, and anchors both."""
         assert self.prior is not None
-        T_prior_map, found_ns, newest = self.T_prior_map(ended), ended.first_anchor_ns, _as_prior(ended)
+        T_prior_map, found_ns, newest = self.T_prior_map(ended), ended.first_anchor_ns, PriorMap.of(ended)
         reason = "" if ended.anchoring is None else ended.anchoring.reason
         began_ns, of_this_run = ended.scans[0].stamp_ns, self._prior_is_of_this_run
         if T_prior_map is not None:
@@ -103,7 +101,7 @@ class Session:
         assert self.prior is not None
         parts = sorted(self.unplaced, key=lambda part: -len(part.scans))
         for part in parts:
-            if self.bim is not None and part.find_in(self.bim, self._matcher_in_use, self._config):
+            if self.bim is not None and part.find_in(self.bim, self.matcher_in_use, self._config):
                 self._begin_with(part, ended)
                 return "found in the building after the last scan"
         if parts and all(scan.health == "lost" for scan in self.prior.scans):
@@ -132,48 +130,19 @@ class Session:
 
     def _adopt_prior(self, ended: ActiveMap, prior: PriorMap) -> None:
         """Replaces the ended map by the merged prior map, after merging the submaps that can be placed in it."""
-        self.unplaced = prior.merge_unplaced(self.unplaced, self.bim, self._matcher_in_use, self._config)
+        self.unplaced = prior.merge_unplaced(self.unplaced, self.bim, self.matcher_in_use, self._config)
         ended.backend, ended.floors, ended.clouds = prior.backend, prior.floors, prior.clouds
         ended.scans, ended.begins = prior.scans, prior.begins
         ended.loops = LoopCloser(self._config.loops, prior.backend.closures, len(prior.backend.keyframes))
 
     @property
-    def _matcher_in_use(self) -> AnyMatcher:
-        return self._matcher or Matcher.load(self._config.matching.method)
+    def matcher_in_use(self) -> AnyMatcher:
+        """The given matcher, or that of the settings."""
+        self.matcher = self.matcher or Matcher.load(self._config.matching.method)
+        return self.matcher
 
     def _anchored_in(self, plan: SceneGraph | None, is_prior: bool) -> BuildingAnchoring | None:
         if plan is None:
             return None
         start = self._start if self.prior is None else None  # a prior map has floors of its own
-        return BuildingAnchoring(plan, self._matcher_in_use, self._config, start, partial=is_prior)
-
-    def state(self) -> dict[str, Any]:
-        """The complete state as a tree (see `state_tree`), without a prior map that the user gave."""
-        return {
-            "kidnaps": self.kidnaps, "unplaced": [part.state() for part in self.unplaced],
-            "prior": self.prior.state() if self.prior is not None and self.kidnaps else None,
-        }  # fmt: skip
-
-    def restore(self, state: dict[str, Any], clouds: KeyframeClouds) -> KeyframeClouds:
-        """Restores a tree that `state` returned; returns the clouds of the active map.
-
-        `clouds` are the saved ones: they hold the points up to the first kidnap only.
-        """
-        if state["prior"] is not None:
-            self.prior, clouds = PriorMap.from_state(state["prior"], self._config, clouds), _no_clouds(clouds)
-        self.unplaced = [PriorMap.from_state(part, self._config, _no_clouds(clouds)) for part in state["unplaced"]]
-        self.kidnaps = state["kidnaps"]
-        return clouds
-
-
-def _no_clouds(like: KeyframeClouds) -> KeyframeClouds:
-    return KeyframeClouds(None, like.voxel)
-
-
-def _as_prior(ended: ActiveMap) -> PriorMap:
-    T_bim_map = ended.T_bim_map
-    since_ns = None if T_bim_map is None else ended.first_anchor_ns
-    return PriorMap(
-        ended.backend, ended.floors, ended.scans, ended.begins, ended.transition.height, T_bim_map, since_ns,
-        ended.clouds,
-    )  # fmt: skip
+        return BuildingAnchoring(plan, self.matcher_in_use, self._config, start, partial=is_prior)

@@ -79,7 +79,7 @@ class RunMap:
         """Adds a line to the log of the run."""
         logging.getLogger(name).log(level, "%s", text)
 
-    def save(self, tracking: dict[str, Any], progress: dict[str, Any]) -> None:
+    def save(self, tracking: bytes, progress: dict[str, Any]) -> None:
         """Writes a checkpoint, with the states of the tracker and of `Progress` after the scans so far."""
         began = perf_counter()
         self._run.take_progress(progress)
