@@ -134,7 +134,7 @@ def _system(case: DriveCase, variant: Variant, drive: Drive, sent: Troubled, wor
         live=_live(live),
         stamps_ns=known.stamps_ns,
         sigma=known.sigma if variant.plan else np.full_like(known.sigma, np.nan),  # of another frame
-        health=tuple(known.health),
+        health=tuple(known.health.tolist()),
         no_place=case.trouble in NO_PLACE,
         facts=facts,
     )
@@ -208,7 +208,7 @@ def _placed(result: Result, truth: Trajectory) -> Record | None:
     place, known = result.place, result.uncertainty
     if place is None or place.T_bim_map is None:
         return None
-    kept = (known.part == 0) & (np.array(known.health) != "lost")
+    kept = known.known
     poses = result.trajectory_map.only(kept).transformed(place.T_bim_map)
     return {"scans": len(poses), "wrong": wrong_poses(poses, truth), "signals": dict(place.signals)}
 

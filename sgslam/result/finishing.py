@@ -29,7 +29,6 @@ from sgslam.session.soundness.scan_uncertainty import (
     why_none_is_anchored,
 )
 from sgslam.session.soundness.standing_walls import standing_walls
-from sgslam.session.soundness.unit_advice import feet_advice
 from sgslam.types import NO_PLAN, Relocalisation
 
 if TYPE_CHECKING:
@@ -72,7 +71,7 @@ def assemble_result(
     in_bim = known if T_bim_map is not None else None
     states = ScanUncertainty.joined([place.own, *_apart(unplaced, config)])
     if T_bim_map is None:
-        advice = [*advice, *_not_anchored_advice(floors, run, bim, matches, reason), *_nearly_sure(place.place, config)]
+        advice = [*advice, *_what_helps(matches, reason), *_nearly_sure(place.place, config)]
         apart = int((states.part > 0).sum())
         if apart and anchoring is not None:
             reason = f"{reason}; the map has several parts: {apart} of {len(states.part)} scans are not in the first"
@@ -165,16 +164,13 @@ def _uncertainty(
     )  # fmt: skip
 
 
-def _not_anchored_advice(
-    floors: Floors, run: RunPoses, bim: SceneGraph | None, matches: "MatchesFile | None", reason: str
-) -> list[str]:
-    """Warnings: scans that seem to be in feet (what fits the plan is in metres), and what helps where the matcher's
-    answer is the `reason`; other reasons say it themselves."""
-    helps = _HELPS.get(matches["status"]) if matches is not None and matches["reason"] == reason else None
-    advice = [line for line in (feet_advice(floors, run.with_unplaced, bim), helps) if line is not None]
-    for line in advice:
-        _log.warning("%s", line)
-    return advice
+def _what_helps(matches: "MatchesFile | None", reason: str) -> list[str]:
+    """A warning of what helps, where the matcher's answer is the `reason`; other reasons say it themselves."""
+    if matches is None or matches["reason"] != reason or matches["status"] not in _HELPS:
+        return []
+    line = _HELPS[matches["status"]]
+    _log.warning("%s", line)
+    return [line]
 
 
 def _nearly_sure(place: PlaceReport | None, config: Config) -> list[str]:

@@ -1,6 +1,6 @@
 """How well the pose of each scan is known, and whether it is anchored."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,6 @@ from data.trajectory.stamps import ns_to_seconds
 from sgslam.backend import Backend, Uncertainty
 from sgslam.config import Config, OdometrySettings, QualitySettings
 from sgslam.session.scan_poses import ScanPose
-from sgslam.types import Health
 
 Floats = NDArray[np.float64]
 FILE = "trajectory_sigma.csv"
@@ -26,67 +25,49 @@ _HEADER = (
 
 
 @dataclass(frozen=True, eq=False)
-class ScanStates:
-    """Of N scans, in the order of their stamps.
-
-    `seconds` (N,) are those since the run's first scan. `lost` (N,): the scan did not fit the map, and its pose is
-    predicted. `part` (N,): 0 for the map, else the number of a part that was not placed in it and is laid at the last
-    known pose. `sigma` (N, 2): standard deviations (m) along x and y of the frame of the trajectory; NaN where they are
-    unknown.
-    """
-
-    seconds: NDArray[np.float64]
-    lost: NDArray[np.bool_]
-    part: NDArray[np.int64]
-    sigma: NDArray[np.float64]
-
-    @property
-    def known(self) -> NDArray[np.bool_]:
-        """(N,) whether the scan is neither lost nor in a part that was not placed."""
-        return ~self.lost & (self.part == 0)
-
-    def only(self, chosen: NDArray[np.bool_]) -> "ScanStates":
-        """The chosen (N,) scans."""
-        return ScanStates(self.seconds[chosen], self.lost[chosen], self.part[chosen], self.sigma[chosen])
-
-
-@dataclass(frozen=True, eq=False)
 class ScanUncertainty:
     """The uncertainty of each scan's pose, in the order of the scans' stamps (N,), in nanoseconds.
 
     `sigma` (N, 6): standard deviations along x, y, z (m) and about x, y, z (rad) in the trajectory's frame; NaN where
     they are unknown, as in a part whose scans are all lost. `part` (N,): 0 for the map, then a number for each submap
-    that was not relocalised, whose sigmas are in its own frame. `floor`: ids of the S-graph's floors, empty between two
-    floors. `probability` (N,): that the map's place in the building is right, and the pose's errors along and about all
-    axes are within the limits of the settings `quality`; 0 for lost scans and where the map has no place. `anchored`
-    (N,): whether that is as probable as the settings demand.
+    that was not relocalised, whose sigmas are in its own frame. `floor` (N,): ids of the S-graph's floors, empty
+    between two floors. `probability` (N,): that the map's place in the building is right, and the pose's errors along
+    and about all axes are within the limits of the settings `quality`; 0 for lost scans and where the map has no place.
+    `anchored` (N,): whether that is as probable as the settings demand. `health` (N,) is the tracker's verdict.
     """
 
     stamps_ns: NDArray[np.int64]
     sigma: Floats
     part: NDArray[np.int64]
-    floor: tuple[str, ...]
+    floor: NDArray[np.str_]
     probability: Floats
     anchored: NDArray[np.bool_]
-    health: tuple[Health, ...]
+    health: NDArray[np.str_]
 
     @staticmethod
     def joined(parts: "list[ScanUncertainty]") -> "ScanUncertainty":
         """All parts in the order of their stamps."""
-        stamps = np.concatenate([part.stamps_ns for part in parts])
-        order = np.argsort(stamps, kind="stable")
-        floors, health = ([own for part in parts for own in getattr(part, name)] for name in ("floor", "health"))
-        return ScanUncertainty(
-            stamps[order], np.concatenate([part.sigma for part in parts])[order],
-            np.concatenate([part.part for part in parts])[order], tuple(floors[k] for k in order),
-            np.concatenate([part.probability for part in parts])[order],
-            np.concatenate([part.anchored for part in parts])[order], tuple(health[k] for k in order),
-        )  # fmt: skip
+        whole = ScanUncertainty(*(np.concatenate([getattr(own, f.name) for own in parts]) for f in fields(parts[0])))
+        return whole.only(np.argsort(whole.stamps_ns, kind="stable"))
 
-    def states(self) -> ScanStates:
-        """What the report shows of the scans."""
-        seconds = (self.stamps_ns - self.stamps_ns[0]) / 1e9
-        return ScanStates(seconds, np.array([own == "lost" for own in self.health]), self.part, self.sigma[:, :2])
+    def only(self, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> "ScanUncertainty":
+        """The chosen scans, by a mask (N,) or by number."""
+        return ScanUncertainty(*(getattr(self, field.name)[chosen] for field in fields(self)))
+
+    @property
+    def seconds(self) -> Floats:
+        """(N,) since the first scan."""
+        return np.asarray((self.stamps_ns - self.stamps_ns[:1]) / 1e9)
+
+    @property
+    def lost(self) -> NDArray[np.bool_]:
+        """(N,) whether the scan did not fit the map, so that its pose is predicted."""
+        return np.asarray(self.health == "lost")
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """(N,) whether the scan is neither lost nor in a part that was not placed."""
+        return ~self.lost & (self.part == 0)
 
     def write_csv(self, path: Path) -> None:
         """Writes the file `trajectory_sigma.csv`; angles in degrees."""
@@ -114,14 +95,14 @@ def scan_uncertainty(
     own, keyframes = sorted(scans[run], key=lambda scan: scan.stamp_ns), backend.keyframes
     stamps = np.array([scan.stamp_ns for scan in own], dtype=np.int64)
     floors = [keyframes[scan.keyframe].storey for scan in own]
-    sigma, is_lost = np.full((len(own), 6), np.nan), np.array([scan.health == "lost" for scan in own])
+    named = np.array(["" if floor is None else f"floor-{floor}" for floor in floors])
+    sigma, health = np.full((len(own), 6), np.nan), np.array([scan.health for scan in own])
+    is_lost = health == "lost"
     if uncertainty is not None and not is_lost.all():
         sigma[:] = np.sqrt(_variances(scans, own, backend, uncertainty, R_frame_map, config.odometry))
     probability = place * ~is_lost * probability_within(sigma, _limits(config.quality))
-    return ScanUncertainty(
-        stamps, sigma, np.full(len(own), part), tuple("" if floor is None else f"floor-{floor}" for floor in floors),
-        probability, probability >= config.quality.anchored_probability, tuple(scan.health for scan in own),
-    )  # fmt: skip
+    anchored, part_of = probability >= config.quality.anchored_probability, np.full(len(own), part)
+    return ScanUncertainty(stamps, sigma, part_of, named, probability, anchored, health)
 
 
 def probability_within(sigma: Floats, limits: Floats) -> Floats:
@@ -136,7 +117,7 @@ def probability_within(sigma: Floats, limits: Floats) -> Floats:
 
 def what_is_not_anchored(own: ScanUncertainty) -> str:
     """The scans without an anchored pose, counted by cause; empty where there are none."""
-    lost, apart = np.array([health == "lost" for health in own.health]), own.part > 0
+    lost, apart = own.lost, own.part > 0
     counts = {
         "are lost": lost,
         "are in parts that were not placed": apart & ~lost,
@@ -154,7 +135,7 @@ def _limits(settings: QualitySettings) -> Floats:
 def why_none_is_anchored(own: ScanUncertainty, settings: QualitySettings, place: float) -> str:
     """One line, of a map that fits the plan at one place, which is right with the probability `place`. With the
     settings that it names, 95 % of the scans that are not lost are anchored."""
-    known = own.sigma[[health != "lost" for health in own.health]]
+    known = own.sigma[~own.lost]
     if not len(known):
         return "the map fits the plan, but every scan is lost"
     sigma = np.quantile(known, _MOST_SCANS, axis=0)

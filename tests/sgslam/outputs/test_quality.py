@@ -3,7 +3,6 @@
 import re
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pytest
@@ -38,9 +37,9 @@ def trajectory(positions: Array) -> Trajectory:
 def known(deviations: Array, anchored: NDArray[np.bool_], cause: int | NDArray[np.int64] = 0) -> ScanUncertainty:
     """`cause` why a scan is not anchored: 1 it is lost, 2 it is in another part."""
     n, why = len(deviations), np.broadcast_to(cause, len(deviations))
-    health: Any = tuple("lost" if c == 1 else "good" for c in why)
+    health = np.where(why == 1, "lost", "good")
     return ScanUncertainty(
-        np.arange(n), deviations, (why == 2).astype(np.int64), ("",) * n, anchored.astype(float), anchored, health
+        np.arange(n), deviations, (why == 2).astype(np.int64), np.full(n, ""), anchored.astype(float), anchored, health
     )
 
 

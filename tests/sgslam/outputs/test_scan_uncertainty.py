@@ -4,7 +4,6 @@ import csv
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 import pytest
@@ -21,7 +20,6 @@ from sgslam.session.soundness.scan_uncertainty import (
     scan_uncertainty,
     why_none_is_anchored,
 )
-from sgslam.types import Health
 
 LIMITS = np.array([0.5, 0.5, 0.5, *np.radians([5.0, 5.0, 5.0])])  # m and rad, the default settings
 DEFAULT = QualitySettings()
@@ -119,8 +117,10 @@ def spread(*largest: float) -> Array:
 )
 def test_what_is_advised_anchors_most_scans(sigma: Array, place: float, named: set[str]) -> None:
     n = len(sigma)
-    parts, health = np.zeros(n, dtype=np.int64), cast(tuple[Health, ...], ("good",) * n)
-    own = ScanUncertainty(parts, sigma, parts, ("",) * n, np.zeros(n), np.zeros(n, dtype=np.bool_), health)
+    parts = np.zeros(n, dtype=np.int64)
+    own = ScanUncertainty(
+        parts, sigma, parts, np.full(n, ""), np.zeros(n), np.zeros(n, dtype=np.bool_), np.full(n, "good")
+    )
     advised = re.findall(r"--set (quality\.(\w+)=\S+)", why_none_is_anchored(own, DEFAULT, place))
     assert {name for _, name in advised} == named
     taken = load_config(None, [pair for pair, _ in advised]).quality
