@@ -192,7 +192,7 @@ def _live(updates: list[Update]) -> Trajectory:
 def _facts(result: Result) -> Record:
     return {
         "reason": result.reason,
-        "place": None if result.place is None else [result.place.probability, result.place.runner_up],
+        "place": None if result.place is None else [result.place.probability, result.place.posterior.two_best[1][0]],
         "first_anchor_s": result.first_anchor_s,
         "alarms": [name for name, signal in result.quality.items() if not signal.ok],
         "match_status": "none" if result.matches is None else result.matches["status"],

@@ -36,20 +36,24 @@ class SceneGraphSlam(RunState):
     by default our own registration in continuous time); `clouds` stores the keyframes' points (default: an anonymous
     temporary file). `prior` is the map of earlier runs: the run is relocalised in it, wherever it starts, and merged
     into it at the end; all results are then in that map's frame. `storey` is the name or id of the A-graph's floor on
-    which the run begins; raises UserError if it does not exist. `stopwatch` measures the time of each stage. Scans must
-    be added in the order of their stamps.
+    which the run begins; raises UserError if it does not exist. Scans must be added in the order of their stamps.
     """
 
     def __init__(
-        self, bim: SceneGraph | Bim | None = None, matcher: AnyMatcher | None = None, config: Config | None = None,
-        odometry: Odometry | None = None, clouds: KeyframeClouds | None = None, prior: PriorMap | None = None,
-        storey: str | None = None, stopwatch: Stopwatch | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        bim: SceneGraph | Bim | None = None,
+        matcher: AnyMatcher | None = None,
+        config: Config | None = None,
+        odometry: Odometry | None = None,
+        clouds: KeyframeClouds | None = None,
+        prior: PriorMap | None = None,
+        storey: str | None = None,
+    ) -> None:
         config = config or Config()
         a_graph = bim.graph if isinstance(bim, Bim) else bim
         self._plan_file = bim.path if isinstance(bim, Bim) else None
         clouds = KeyframeClouds(None, config.clouds.keyframe_voxel) if clouds is None else clouds
-        self._config, self._stopwatch = config, stopwatch or Stopwatch()
+        self._config, self._stopwatch = config, Stopwatch()
         self._tracking = RunTracker(config, odometry)
         self._session = Session(config, a_graph, matcher, prior, storey)
         self._clouds, self._map = clouds, self._session.begin(clouds, self._stopwatch)

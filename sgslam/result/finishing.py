@@ -130,11 +130,11 @@ def _judged(
         return _Judged(T_bim_map, NO_PLAN, own, quality, None)
     posterior, refused = anchoring.posterior, None
     if T_bim_map is None or standing is None:
-        return _Judged(None, anchoring.reason, own, quality, PlaceReport.of(posterior))
+        return _Judged(None, anchoring.reason, own, quality, PlaceReport(posterior))
     begins, through = odometry_begins(run.scans), _through_walls(final, run, T_bim_map, standing)
     signals = placed_signals(quality, run.in_map, begins, own, T_bim_map, standing, through)
     sound = shipped().judged(signals)
-    place = PlaceReport.of(posterior, sound, signals, T_bim_map)
+    place = PlaceReport(posterior, sound, signals, T_bim_map)
     if not own.anchored.any():
         refused = why_none_is_anchored(own, config.quality, place=1.0)
     else:

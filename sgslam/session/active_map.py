@@ -80,11 +80,6 @@ class ActiveMap:
         return self.anchoring.bim_from_map(self.backend.T_map_local)
 
     @property
-    def last_pose(self) -> Floats | None:
-        """(4, 4) the current T_map_sensor of the newest scan; None before the first scan."""
-        return self.scans[-1].T_map_sensor if self.scans else None
-
-    @property
     def T_map_odom(self) -> Floats:  # noqa: N802
         """(4, 4) the frame `odom` in the map: what the graph knows better acts here, and `odom` never jumps."""
         if not self.backend.keyframes or not self.scans:

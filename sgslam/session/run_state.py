@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 from data import SceneGraph, UserError
 from data.trajectory import Trajectory
 from sgslam.anchoring import AnchorRecord
+from sgslam.anchoring.place_posterior import PlacePosterior
 from sgslam.config import Config
-from sgslam.loops import LoopCloser
 from sgslam.mapping import KeyframeClouds
 from sgslam.serialization import pack, unpack
 from sgslam.session.active_map import ActiveMap
-from sgslam.session.scan_poses import at_stamps
+from sgslam.session.scan_poses import ScanPose, at_stamps
 from sgslam.session.session import Session
-from sgslam.session.snapshot import Snapshot, take_snapshot
+from sgslam.session.snapshot import Snapshot
 from sgslam.session.soundness.scan_uncertainty import live_sigma
 from sgslam.session.stopwatch import Stopwatch
 from sgslam.tracking import RunTracker
@@ -42,8 +42,7 @@ class RunState:
     def place_probabilities(self) -> tuple[float, float]:
         """The probability of the map's best place in its plan when it was last matched, and that of the runner-up."""
         anchoring = self._map.anchoring
-        found = () if anchoring is None else anchoring.posterior.places
-        best, other = (*(place.probability for place in found[:2]), 0.0, 0.0)[:2]
+        (best, _), (other, _) = (PlacePosterior() if anchoring is None else anchoring.posterior).two_best
         return best, other
 
     @property
@@ -79,14 +78,9 @@ class RunState:
         return self._map.T_map_odom
 
     @property
-    def T_map_sensor(self) -> Floats | None:  # noqa: N802
-        """(4, 4) the pose of the newest scan in the map; None before the first, and while the first ones wait."""
-        return self._map.last_pose
-
-    @property
-    def newest_mapped_ns(self) -> int | None:
-        """The stamp of the newest scan in the map; None before the first."""
-        return self._map.scans[-1].stamp_ns if self._map.scans else None
+    def newest(self) -> ScanPose | None:
+        """The newest scan in the map; None before the first, and while the first ones wait."""
+        return self._map.scans[-1] if self._map.scans else None
 
     @property
     def T_prior_map(self) -> Floats | None:  # noqa: N802
@@ -115,11 +109,6 @@ class RunState:
         return self._session.kidnaps
 
     @property
-    def loops(self) -> LoopCloser:
-        """The loop closures, including withdrawn ones."""
-        return self._map.loops
-
-    @property
     def seconds(self) -> dict[str, float]:
         """The time of each stage so far, in seconds."""
         return self._stopwatch.seconds
@@ -136,7 +125,7 @@ class RunState:
 
     def snapshot(self) -> Snapshot:
         """The current state, for viewers."""
-        return take_snapshot(self._map.backend, self._map.floors, self._map.anchoring, self._map.clouds)
+        return Snapshot.of(self._map)
 
     def state(self) -> dict[str, bytes]:
         """The complete state, of the tracker and of the map, without the keyframes' points, which `clouds` stores."""
