@@ -20,7 +20,6 @@ from sgslam.session.active_map import ActiveMap
 from sgslam.session.place_report import PlaceReport
 from sgslam.session.prior_map import PriorMap
 from sgslam.session.scan_poses import RunPoses, ScanPose, at_stamps, newest_run, odometry_begins, odometry_of
-from sgslam.session.soundness.free_space import share_looked_through
 from sgslam.session.soundness.quality import Quality, at_least, contradiction, placed_signals, quality_of
 from sgslam.session.soundness.scan_uncertainty import (
     ScanUncertainty,
@@ -28,7 +27,7 @@ from sgslam.session.soundness.scan_uncertainty import (
     what_is_not_anchored,
     why_none_is_anchored,
 )
-from sgslam.session.soundness.standing_walls import standing_walls
+from sgslam.session.soundness.standing_walls import share_looked_through, standing_walls
 from sgslam.types import NO_PLAN, Relocalisation
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ leads through planned walls, though a place in the plan may explain the map.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -14,15 +14,14 @@ import shapely
 from numpy.typing import NDArray
 
 from data import SceneGraph, UserError
-from data.scene_graph import WallSurface
 from data.trajectory import Trajectory
 from sgslam.anchoring.soundness import LAPLACE, Soundness
 from sgslam.config import QualitySettings
 from sgslam.geometry.trajectory_errors import rmse_aligned
 from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
+from sgslam.session.soundness.standing_walls import walls_crossed
 
 Floats = NDArray[np.float64]
-_DOOR = 0.8  # m from the middle of a planned door, up to which the way leads through it
 _APART = 1.0  # m: crossings nearer to each other are of one wall, which has two faces
 
 
@@ -136,36 +135,3 @@ def _followed(anchored: NDArray[np.bool_], begins: list[int]) -> list[NDArray[np
     own = np.flatnonzero(anchored)
     cuts = np.flatnonzero((np.diff(own) > 1) | np.isin(own[1:], begins)) + 1
     return [piece for piece in np.split(own, cuts) if len(piece) > 1]
-
-
-def walls_crossed(way: Floats, a_graph: SceneGraph) -> Floats:
-    """(N, 2) where a way (M, 3) in the BIM frame leads through planned walls, elsewhere than at doors and openings."""
-    crossings = []
-    for storey, own in _by_storey(way, a_graph):
-        solid = [line for wall in a_graph.wall_surfaces if wall.floor == storey for line in _solid(wall)]
-        doors = shapely.MultiPoint([door.centroid for door in a_graph.doors])
-        steps = shapely.linestrings(np.stack([own[:-1, :2], own[1:, :2]], axis=1))
-        for k in np.unique(shapely.STRtree(solid).query(steps, predicate="intersects")[0]):
-            if not shapely.dwithin(doors, shapely.Point(own[k, :2]), _DOOR):  # False of a plan without doors
-                crossings.append(own[k, :2])
-    return np.reshape(crossings, (-1, 2))
-
-
-def _by_storey(way: Floats, a_graph: SceneGraph) -> Iterator[tuple[str | None, Floats]]:
-    """The pieces of a way (N, 3) on each storey: that whose floor is next below."""
-    floors = sorted((f.elevation, f.id) for f in a_graph.floors if f.elevation is not None)
-    if not floors:
-        yield None, way
-        return
-    level = np.searchsorted([elevation for elevation, _ in floors], way[:, 2], side="right") - 1
-    for piece in np.split(np.arange(len(way)), np.flatnonzero(np.diff(level)) + 1):
-        if len(piece) > 1:
-            yield floors[max(int(level[piece[0]]), 0)][1], way[piece]
-
-
-def _solid(wall: WallSurface) -> list[shapely.LineString]:
-    """The footprints (lines) of what stands along a planned surface, without its openings."""
-    if not wall.parts:
-        return [] if wall.length is None else [shapely.LineString(wall.ends())]
-    centre, left = np.array(wall.centroid), np.array([-wall.normal[1], wall.normal[0]])
-    return [shapely.LineString([centre + a * left, centre + b * left]) for _, a, b, _ in wall.parts if a != b]

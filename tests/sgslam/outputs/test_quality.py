@@ -14,9 +14,9 @@ from data.trajectory import Trajectory
 from sgslam.anchoring.soundness import Soundness, shipped
 from sgslam.config import QualitySettings
 from sgslam.config.loading import load_config
-from sgslam.session.soundness.quality import Quality, contradiction, placed_signals, quality_of, walls_crossed
+from sgslam.session.soundness.quality import Quality, contradiction, placed_signals, quality_of
 from sgslam.session.soundness.scan_uncertainty import ScanUncertainty, what_is_not_anchored
-from sgslam.session.soundness.standing_walls import seen_parts
+from sgslam.session.soundness.standing_walls import seen_parts, walls_crossed
 
 SCANS = 100
 WALL = WallSurface("w", None, (5.0, 0.0), (1.0, 0.0), 4.0)

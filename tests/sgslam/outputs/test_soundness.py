@@ -12,7 +12,7 @@ from sgslam.anchoring.soundness import SoundnessModel, shipped
 from sgslam.config import AnchorSettings
 from sgslam.mapping import KeyframeClouds
 from sgslam.session.place_report import PlaceReport
-from sgslam.session.soundness.free_space import share_looked_through
+from sgslam.session.soundness.standing_walls import share_looked_through
 
 MODEL = SoundnessModel(
     sound={"plan_tilt_deg": (float(np.log(0.1)), 0.5), "planned_walls_crossed": (0.1, 0.1)},
