@@ -101,10 +101,16 @@ class ActiveMap:
         since = np.eye(4) if not keyframes else inverse(keyframes[-1].T_map_sensor) @ T_map_sensor
         self.scans.append(
             ScanPose(
-                scan.raw.stamp_ns, scan.T_odom_sensor, T_map_sensor, max(len(keyframes) - 1, 0), since,
-                health=scan.health, covariance=scan.covariance, T_begin_sensor=motion_since_begin(scan),
+                scan.raw.stamp_ns,
+                scan.T_odom_sensor,
+                T_map_sensor,
+                max(len(keyframes) - 1, 0),
+                since,
+                health=scan.health,
+                covariance=scan.covariance,
+                T_begin_sensor=motion_since_begin(scan),
             )
-        )  # fmt: skip
+        )
         self._covariance, self.is_external = scan.covariance, scan.raw.T_odom_sensor is not None
         self.points.add(scan)
         if scan.raw.step_covariance is not None and len(self.scans) > 1:

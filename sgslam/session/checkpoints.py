@@ -51,7 +51,7 @@ class Checkpoints:
 
     def write(
         self, slam: Resumable, progress: dict[str, Any], finished: bool = False, tracking: bytes | None = None
-    ) -> bool:  # fmt: skip
+    ) -> bool:
         """Writes a checkpoint; returns whether that succeeded. `tracking` is the state of a tracker elsewhere."""
         began = perf_counter()
         about = {**self._about, "finished": finished, "keyframes": slam.keyframes, "progress": progress}

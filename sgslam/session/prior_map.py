@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph, UserError
-from matching.result import AnyMatcher
-from sgslam.anchoring import BuildingAnchoring, align_walls
+from sgslam.anchoring import align_walls
 from sgslam.anchoring.wall_alignment import planar_pose
 from sgslam.backend import Backend
 from sgslam.config import Config
@@ -71,6 +70,15 @@ class PriorMap:
             active.clouds,
         )
 
+    def plan_in(self, bim: SceneGraph | None) -> tuple[SceneGraph, Floats, bool]:
+        """The plan to relocalise a run in, (4, 4) this map in its frame, and whether it is this map.
+
+        If the map is anchored and a BIM is given, the BIM is the plan: then the runs need not share any rooms.
+        """
+        if bim is not None and self.T_bim_map is not None:
+            return bim, self.T_bim_map, False
+        return self.plan(), self.T_plan_map, True
+
     @property
     def T_plan_map(self) -> Floats:  # noqa: N802
         """(4, 4) the map in the frame of `plan`: levelled, with its first floor at z = 0."""
@@ -127,49 +135,6 @@ class PriorMap:
         for floor in self.floors.maps:
             floor.cut(self.backend, config)
 
-    def merge_unplaced(
-        self, parts: "list[PriorMap]", bim: SceneGraph | None, matcher: AnyMatcher, config: Config
-    ) -> "list[PriorMap]":
-        """Tries again to relocalise submaps of the same run, since the map has grown, and merges those that are found.
-
-        Returns those that are still not found. `bim` as in `plan_of`.
-        """
-        left = parts
-        while True:
-            tried, left = left, []
-            for part in tried:
-                T_map_part = self._place_of(part, bim, matcher, config)
-                if T_map_part is None:
-                    left.append(part)
-                else:
-                    self.join(part, T_map_part, config, same_run=True)
-            if len(left) in (0, len(tried)):
-                return left
-
-    def find_in(self, bim: SceneGraph, matcher: AnyMatcher, config: Config) -> bool:
-        """Looks for the map in a building; returns whether it has one place there, which is then its T_bim_map."""
-        self.T_bim_map = self._placed_in(bim, matcher, config, partial=False)
-        return self.T_bim_map is not None
-
-    def _placed_in(
-        self, plan: SceneGraph, matcher: AnyMatcher, config: Config, partial: bool
-    ) -> Floats | None:  # fmt: skip
-        """(4, 4) the map in the frame of a plan, of which `partial` says whether it may lack rooms; None if it has no
-        one place there."""
-        anchoring = BuildingAnchoring(plan, matcher, config, partial=partial)
-        anchors = anchoring.update(self.floors, None, last=True)
-        return None if anchors is None else anchoring.bim_from_map(anchors.T_map_local)
-
-    def _place_of(
-        self, part: "PriorMap", bim: SceneGraph | None, matcher: AnyMatcher, config: Config
-    ) -> Floats | None:  # fmt: skip
-        plan, is_known = plan_of(self, bim)
-        T_plan_part = part._placed_in(plan, matcher, config, partial=is_known)
-        if T_plan_part is None:
-            return None
-        T_plan_map = self.T_plan_map if is_known or self.T_bim_map is None else self.T_bim_map
-        return np.asarray(inverse(T_plan_map) @ T_plan_part)
-
     def _storeys(self, other: "PriorMap", T_map_other: Floats) -> dict[int, int]:
         """Floor numbers of this map by those of another one: the floor at the same height, else a new number."""
         T, own, storeys = self.T_plan_map, _planes(self.floors), dict[int, int]()
@@ -196,9 +161,7 @@ class PriorMap:
                 continue
             T = self.T_plan_map @ T_map_other @ inverse(floor.walls.T_level_map)
             place = planar_pose(T) - np.array([0.0, *origin])
-            alignment = align_walls(
-                floor.scene, floor.walls, plan.on_floor(_id(known)), origin, place, config.anchors
-            )  # fmt: skip
+            alignment = align_walls(floor.scene, floor.walls, plan.on_floor(_id(known)), origin, place, config.anchors)
             for held in alignment.walls if alignment is not None else ():
                 if held.agrees:
                     votes = same.setdefault(floor.scene.wall_of_surface[held.surface.id], {})
@@ -233,13 +196,3 @@ def _planes(floors: Floors) -> dict[int, Floats]:
 
 def _id(floor: FloorMap) -> str:
     return f"floor-{floor.number}"
-
-
-def plan_of(known: PriorMap, bim: SceneGraph | None) -> tuple[SceneGraph, bool]:
-    """The plan to relocalise a new run in, and whether it is the prior map.
-
-    If the prior map is anchored and a BIM is given, the BIM is the plan: then the runs need not share any rooms.
-    """
-    if bim is not None and known.T_bim_map is not None:
-        return bim, False
-    return known.plan(), True

@@ -12,7 +12,7 @@ from sgslam.geometry.frames import inverse
 from sgslam.loops import LoopCloser
 from sgslam.mapping import KeyframeClouds
 from sgslam.session.active_map import ActiveMap
-from sgslam.session.prior_map import PriorMap, plan_of
+from sgslam.session.prior_map import PriorMap
 from sgslam.session.stopwatch import Stopwatch
 from sgslam.types import Relocalisation
 
@@ -28,9 +28,13 @@ class Session:
     """
 
     def __init__(
-        self, config: Config, bim: SceneGraph | None, matcher: AnyMatcher | None, prior: PriorMap | None,
+        self,
+        config: Config,
+        bim: SceneGraph | None,
+        matcher: AnyMatcher | None,
+        prior: PriorMap | None,
         storey: str | None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._config, self.bim, self.matcher = config, bim, matcher
         self._start = None if storey is None or bim is None else floor_named(bim, storey).id
         self.prior = prior
@@ -40,7 +44,7 @@ class Session:
 
     def begin(self, clouds: KeyframeClouds, stopwatch: Stopwatch) -> ActiveMap:
         """A new map, to be relocalised in the prior map or anchored to the building."""
-        plan, is_prior = (self.bim, False) if self.prior is None else plan_of(self.prior, self.bim)
+        plan, _, is_prior = (self.bim, None, False) if self.prior is None else self.prior.plan_in(self.bim)
         return ActiveMap(self._config, self._anchored_in(plan, is_prior), clouds, stopwatch)
 
     def split(self, ended: ActiveMap) -> ActiveMap:
@@ -100,8 +104,9 @@ class Session:
         placed. Empty where the first one stays."""
         assert self.prior is not None
         parts = sorted(self.unplaced, key=lambda part: -len(part.scans))
-        for part in parts:
-            if self.bim is not None and part.find_in(self.bim, self.matcher_in_use, self._config):
+        for part in parts if self.bim is not None else ():
+            part.T_bim_map = self._place_in(self.bim, part, is_prior=False)
+            if part.T_bim_map is not None:
                 self._begin_with(part, ended)
                 return "found in the building after the last scan"
         if parts and all(scan.health == "lost" for scan in self.prior.scans):
@@ -130,10 +135,27 @@ class Session:
 
     def _adopt_prior(self, ended: ActiveMap, prior: PriorMap) -> None:
         """Replaces the ended map by the merged prior map, after merging the submaps that can be placed in it."""
-        self.unplaced = prior.merge_unplaced(self.unplaced, self.bim, self.matcher_in_use, self._config)
+        tried: list[PriorMap] = []
+        while len(tried) != len(self.unplaced):  # the map has grown since
+            tried, self.unplaced = self.unplaced, []
+            for part in tried:
+                plan, T_plan_prior, is_prior = prior.plan_in(self.bim)
+                T_plan_part = self._place_in(plan, part, is_prior)
+                if T_plan_part is None:
+                    self.unplaced.append(part)
+                else:
+                    prior.join(part, inverse(T_plan_prior) @ T_plan_part, self._config, same_run=True)
         ended.backend, ended.floors, ended.clouds = prior.backend, prior.floors, prior.clouds
         ended.scans, ended.begins = prior.scans, prior.begins
         ended.loops = LoopCloser(self._config.loops, prior.backend.closures, len(prior.backend.keyframes))
+
+    def _place_in(self, plan: SceneGraph | None, part: PriorMap, is_prior: bool) -> Floats | None:
+        """(4, 4) a part of the run in the frame of a plan, None if it has no one place there. A plan that `is_prior`
+        may lack rooms."""
+        assert plan is not None
+        anchoring = BuildingAnchoring(plan, self.matcher_in_use, self._config, partial=is_prior)
+        anchors = anchoring.update(part.floors, None, last=True)
+        return None if anchors is None else anchoring.bim_from_map(anchors.T_map_local)
 
     @property
     def matcher_in_use(self) -> AnyMatcher:

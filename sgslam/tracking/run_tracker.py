@@ -88,9 +88,13 @@ class RunTracker:
         return TimedOdometry(self._config.tracking, self.motion.imu, self.motion.measured)
 
     def track(
-        self, stamp_ns: int, points: NDArray[np.floating[Any]], point_times: Floats | None = None,
-        T_odom_sensor: Floats | None = None, step_covariance: Floats | None = None,
-    ) -> list[TrackedScan]:  # fmt: skip
+        self,
+        stamp_ns: int,
+        points: NDArray[np.floating[Any]],
+        point_times: Floats | None = None,
+        T_odom_sensor: Floats | None = None,
+        step_covariance: Floats | None = None,
+    ) -> list[TrackedScan]:
         """The scans that are given out, in their order; the first one of another frame `begins_elsewhere`.
 
         The arguments and what is raised are those of `SceneGraphSlam.add_scan`.

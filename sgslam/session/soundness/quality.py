@@ -38,9 +38,15 @@ Quality = dict[str, Signal]
 
 
 def quality_of(
-    in_map: Trajectory, odometry: Trajectory, begins: list[int], walls_seen: list[int], uncertainty: ScanUncertainty,
-    lost: float, unplaced: float, settings: QualitySettings,
-) -> Quality:  # fmt: skip
+    in_map: Trajectory,
+    odometry: Trajectory,
+    begins: list[int],
+    walls_seen: list[int],
+    uncertainty: ScanUncertainty,
+    lost: float,
+    unplaced: float,
+    settings: QualitySettings,
+) -> Quality:
     """The signals of a run with these trajectories, at the same stamps, and numbers of walls seen from its keyframes.
     The odometry begins again at the scans `begins`. `lost` is the share of the scans that are lost, of those in parts
     that were not placed too; `unplaced` is the share of the scans in such parts.
@@ -71,9 +77,14 @@ def quality_of(
 
 
 def placed_signals(
-    quality: Quality, in_map: Trajectory, begins: list[int], uncertainty: ScanUncertainty, T_bim_map: Floats,
-    standing: SceneGraph, walls_looked_through: float,
-) -> dict[str, float]:  # fmt: skip
+    quality: Quality,
+    in_map: Trajectory,
+    begins: list[int],
+    uncertainty: ScanUncertainty,
+    T_bim_map: Floats,
+    standing: SceneGraph,
+    walls_looked_through: float,
+) -> dict[str, float]:
     """The signals of a map with a place in the plan that tell whether it is sound.
 
     Beside some of its quality, these are `plan_tilt_deg`, the angle between the verticals of plan and map, and of the

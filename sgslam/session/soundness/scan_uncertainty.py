@@ -82,9 +82,15 @@ class ScanUncertainty:
 
 
 def scan_uncertainty(
-    scans: list[ScanPose], run: slice, backend: Backend, uncertainty: Uncertainty | None, R_frame_map: Floats,
-    config: Config, part: int, place: float,
-) -> ScanUncertainty:  # fmt: skip
+    scans: list[ScanPose],
+    run: slice,
+    backend: Backend,
+    uncertainty: Uncertainty | None,
+    R_frame_map: Floats,
+    config: Config,
+    part: int,
+    place: float,
+) -> ScanUncertainty:
     """The lines of a map's `run`, a slice of its scans, whose poses are in a frame turned by (3, 3). `place`: the
     probability that the map's place in the building is right; 0 without a place.
 
@@ -159,9 +165,13 @@ def why_none_is_anchored(own: ScanUncertainty, settings: QualitySettings, place:
 
 
 def _variances(
-    scans: list[ScanPose], own: list[ScanPose], backend: Backend, uncertainty: Uncertainty, R_frame_map: Floats,
+    scans: list[ScanPose],
+    own: list[ScanPose],
+    backend: Backend,
+    uncertainty: Uncertainty,
+    R_frame_map: Floats,
     settings: OdometrySettings,
-) -> Floats:  # fmt: skip
+) -> Floats:
     """(N, 6) along and about the axes of the frame."""
     keyframes = backend.keyframes
     used = np.array(sorted({scan.keyframe for scan in own}, key=lambda k: keyframes[k].stamp_ns))
@@ -184,9 +194,13 @@ def _variances(
 
 
 def live_sigma(
-    scans: list[ScanPose], T_map_sensor: Floats, covariance: Floats, backend: Backend, R_frame_map: Floats,
+    scans: list[ScanPose],
+    T_map_sensor: Floats,
+    covariance: Floats,
+    backend: Backend,
+    R_frame_map: Floats,
     settings: OdometrySettings,
-) -> Floats:  # fmt: skip
+) -> Floats:
     """(6,) the standard deviations of the newest pose (4, 4), tracked with a covariance (6, 6), along (m) and about
     (rad) the axes of a frame to which (3, 3) turns the map; NaN before the first optimisation.
 

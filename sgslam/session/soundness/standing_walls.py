@@ -29,7 +29,7 @@ Part = tuple[str, float, float, bool]  # as in `WallSurface.parts`
 
 def standing_walls(
     plan: SceneGraph, alignments: dict[int, WallAlignment], floors: Floors, origin: Floats
-) -> SceneGraph:  # fmt: skip
+) -> SceneGraph:
     """The plan with those stretches of its walls at which mapped ones were seen that agree with it.
 
     `alignments` are by floor number, `origin` (3,) is that of the local frame in the BIM frame.
