@@ -123,7 +123,7 @@ def _judged(
 ) -> _Judged:
     """The place that was found, unless no scan is known well enough there, or the map is probably not sound."""
     anchoring, T_bim_map = None if final.plan_is_prior else final.anchoring, final.T_bim_map
-    own = _uncertainty(final, run, known, T_bim_map, config)
+    own = scan_uncertainty(final, run.begin, known, T_bim_map, config)
     quality = _quality(final, run, own, config)
     if anchoring is None:
         return _Judged(T_bim_map, NO_PLAN, own, quality, None)
@@ -135,11 +135,11 @@ def _judged(
     sound = shipped().judged(signals)
     place = PlaceReport(posterior, sound, signals, T_bim_map)
     if not own.anchored.any():
-        refused = why_none_is_anchored(own, config.quality, place=1.0)
+        refused = why_none_is_anchored(own, config.quality)
     else:
         refused = contradiction(place.probability, sound, signals, config.anchors.withdraw)
     if refused:
-        own = _uncertainty(final, run, known, None, config)
+        own = scan_uncertainty(final, run.begin, known, None, config)
         return _Judged(None, refused, own, _quality(final, run, own, config), place)
     quality["place_probability"] = at_least(place.probability, config.quality.place_probability)
     return _Judged(T_bim_map, anchoring.reason, own, quality, place)
@@ -150,17 +150,6 @@ def _through_walls(final: ActiveMap, run: RunPoses, T_bim_map: Floats, standing:
     own = [k for k, keyframe in enumerate(final.backend.keyframes) if keyframe.scan >= run.begin]
     poses = T_bim_map @ final.backend.poses[own]
     return share_looked_through(poses, own, final.clouds, standing)
-
-
-def _uncertainty(
-    final: ActiveMap, run: RunPoses, known: Uncertainty | None, T_bim_map: Floats | None, config: Config
-) -> ScanUncertainty:
-    """Of the scans in the map, along the axes of the building where T_bim_map (4, 4) is known, else of the map."""
-    R_frame_map = np.eye(3) if T_bim_map is None else T_bim_map[:3, :3]
-    newest = slice(run.begin, len(final.scans))
-    return scan_uncertainty(
-        final.scans, newest, final.backend, known, R_frame_map, config, 0, float(T_bim_map is not None)
-    )  # fmt: skip
 
 
 def _what_helps(matches: "MatchesFile | None", reason: str) -> list[str]:
@@ -206,11 +195,9 @@ def _live(scans: list[ScanPose], states: ScanUncertainty, T_bim_map: Floats | No
 def _apart(unplaced: list[PriorMap], config: Config) -> list[ScanUncertainty]:
     """The scans of the submaps that were not relocalised, each in its own frame."""
     return [
-        scan_uncertainty(
-            part.scans, slice(None), part.backend, part.backend.uncertainty(), np.eye(3), config, number, 0.0
-        )
+        scan_uncertainty(part, 0, part.backend.uncertainty(), None, config, number)
         for number, part in enumerate(unplaced, 1)
-    ]  # fmt: skip
+    ]
 
 
 def _walls_seen(floors: Floors, backend: Backend) -> list[int]:

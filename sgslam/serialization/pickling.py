@@ -31,9 +31,12 @@ def pack(value: Any, config: Config, **given: Any) -> bytes:
 
 
 def unpack(raw: bytes, config: Config, **given: Any) -> Any:
-    """What was packed, with the settings and what else is `given` now; None where nothing of that name is. Raises many
-    kinds of errors if `raw` is anything else."""
-    return _Unpacker(io.BytesIO(raw), _named(config, given)).load()
+    """What was packed, with the settings and what else is `given` now; None where nothing of that name is. Raises
+    ValueError if `raw` is anything else."""
+    try:
+        return _Unpacker(io.BytesIO(raw), _named(config, given)).load()
+    except Exception as error:
+        raise ValueError(f"{type(error).__name__}: {error}") from error
 
 
 def _named(config: Config, given: dict[str, Any]) -> dict[str, Any]:

@@ -1,7 +1,6 @@
 """The state of a run in its folder: written during the run, read to resume it or to use its map."""
 
 import logging
-import pickle
 from pathlib import Path
 from time import perf_counter
 from typing import Any, Protocol
@@ -12,7 +11,6 @@ from sgslam.serialization import read_about, read_state, write_state
 FILE = "state.bin"  # in a run's folder
 LEAST_S = 10.0  # of a run between two checkpoints
 SHARE = 0.01  # of the run time that writing checkpoints may take
-LOADING_FAILS = (pickle.UnpicklingError, KeyError, IndexError, ValueError, TypeError, AttributeError, ImportError)
 _log = logging.getLogger(__name__)
 
 
@@ -29,7 +27,7 @@ class Resumable(Protocol):
         ...
 
     def restore(self, state: dict[str, bytes]) -> None:
-        """Restores what `state` returned. Raises `LOADING_FAILS` if it does not fit."""
+        """Restores what `state` returned. Raises ValueError if it does not fit."""
         ...
 
 
@@ -90,8 +88,7 @@ def load(folder: Path, slam: Resumable, with_tracking: bool = True) -> dict[str,
         del state["tracking"]
     try:
         slam.restore(state)
-    except LOADING_FAILS as error:
-        why = f"{type(error).__name__}: {error}"
-        raise UserError(f"{folder / FILE}: damaged, or of a different run ({why}); start a new run") from None
+    except ValueError as error:
+        raise UserError(f"{folder / FILE}: damaged, or of a different run ({error}); start a new run") from None
     progress: dict[str, Any] = about["progress"]
     return progress

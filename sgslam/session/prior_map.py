@@ -17,7 +17,7 @@ from sgslam.mapping import FloorMap, Floors, KeyframeClouds
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.serialization import read_state, unpack
 from sgslam.session.active_map import ActiveMap
-from sgslam.session.checkpoints import FILE, LOADING_FAILS, about_run
+from sgslam.session.checkpoints import FILE, about_run
 from sgslam.session.scan_poses import ScanPose
 
 Floats = NDArray[np.float64]
@@ -52,9 +52,8 @@ class PriorMap:
         clouds = KeyframeClouds.open(path, voxel=voxel) if path.is_file() else KeyframeClouds(voxel=voxel)
         try:
             return PriorMap.of(unpack(read_state(folder / FILE)[1]["map"], config, clouds=clouds)[1])
-        except LOADING_FAILS as error:
-            why = f"{type(error).__name__}: {error}"
-            raise UserError(f"{folder / FILE}: damaged, or of another version ({why}); run it again") from None
+        except ValueError as error:
+            raise UserError(f"{folder / FILE}: damaged, or of another version ({error}); run it again") from None
 
     @staticmethod
     def of(active: ActiveMap) -> "PriorMap":

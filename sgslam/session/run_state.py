@@ -65,12 +65,11 @@ class RunState:
         current, settings = self._map, self._config.odometry
         if not current.scans or self._tracking.waiting is not None:
             return np.full(6, np.nan)
-        newest, T_bim_map = current.scans[-1], self.T_bim_map
+        newest = current.scans[-1]
         T_map_sensor, covariance = newest.T_map_sensor, newest.covariance
         if (held := self._tracking.held) is not None:
             T_map_sensor, covariance = current.T_map_odom @ held.T_odom_sensor, held.covariance
-        R = np.eye(3) if T_bim_map is None else T_bim_map[:3, :3]
-        return live_sigma(current.scans, T_map_sensor, covariance, current.backend, R, settings)
+        return live_sigma(current, T_map_sensor, covariance, settings)
 
     @property
     def T_map_odom(self) -> Floats:  # noqa: N802
@@ -134,8 +133,8 @@ class RunState:
 
     def restore(self, state: dict[str, bytes]) -> None:
         """Restores what `state` returned, for the same building and settings; the run then continues bit by bit as the
-        saved one would have. It lacks "tracking" where another process tracks. Raises ValueError for another building,
-        and many kinds of errors for what is damaged."""
+        saved one would have. It lacks "tracking" where another process tracks. Raises ValueError for another building
+        and for what is damaged."""
         given = {**self._given, "matcher": self._session.matcher_in_use}
         session, active, seconds = unpack(state["map"], self._config, **given)
         if session.bim is not self._session.bim:

@@ -50,13 +50,11 @@ class Session:
     def split(self, ended: ActiveMap) -> ActiveMap:
         """Begins a new map after the sensor was carried elsewhere; the ended map becomes or joins the prior map."""
         ended.complete()
-        T_prior_map, own = self.T_prior_map(ended), PriorMap.of(ended)
+        part = PriorMap.of(ended)
         if self.prior is None:
-            self.prior = own
-        elif T_prior_map is not None:
-            self.prior.join(own, T_prior_map, self._config, same_run=self._prior_is_of_this_run)
-        else:
-            self.unplaced.append(own)
+            self.prior = part
+        elif not self._joined(self.prior, part, self.T_prior_map(ended)):
+            self.unplaced.append(part)
         self.kidnaps += 1
         return self.begin(KeyframeClouds(None, ended.clouds.voxel), ended.stopwatch)
 
@@ -75,11 +73,10 @@ class Session:
         T_prior_map, found_ns, newest = self.T_prior_map(ended), ended.first_anchor_ns, PriorMap.of(ended)
         reason = "" if ended.anchoring is None else ended.anchoring.reason
         began_ns, of_this_run = ended.scans[0].stamp_ns, self._prior_is_of_this_run
-        if T_prior_map is not None:
-            self.prior.join(newest, T_prior_map, self._config, same_run=of_this_run)
-        elif of_this_run:  # the map from before the kidnap is the result; the submap is kept separately
+        is_joined = self._joined(self.prior, newest, T_prior_map)
+        if of_this_run and not is_joined:  # the map from before the kidnap is the result; the submap stays apart
             self.unplaced.append(newest)
-        if T_prior_map is not None or of_this_run:
+        if is_joined or of_this_run:
             self._adopt_prior(ended, self.prior)
         elif not ended.plan_is_prior or self.bim is None:
             return Relocalisation(False, None, reason)
@@ -92,6 +89,12 @@ class Session:
         if T_prior_map is None or found_ns is None:
             return Relocalisation(False, None, reason)
         return Relocalisation(True, (found_ns - began_ns) / 1e9, reason)
+
+    def _joined(self, prior: PriorMap, part: PriorMap, T_prior_part: Floats | None) -> bool:
+        """Merges a map with the prior map where its place (4, 4) there is known; returns whether it is."""
+        if T_prior_part is not None:
+            prior.join(part, T_prior_part, self._config, same_run=self._prior_is_of_this_run)
+        return T_prior_part is not None
 
     def _anchor(self, ended: ActiveMap) -> None:
         """Anchors a map to the building, and completes it."""

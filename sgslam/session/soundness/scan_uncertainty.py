@@ -9,8 +9,10 @@ from scipy.special import erf
 
 from data.common.files import write_atomically
 from data.trajectory.stamps import ns_to_seconds
-from sgslam.backend import Backend, Uncertainty
+from sgslam.backend import Uncertainty
 from sgslam.config import Config, OdometrySettings, QualitySettings
+from sgslam.session.active_map import ActiveMap
+from sgslam.session.prior_map import PriorMap
 from sgslam.session.scan_poses import ScanPose
 
 Floats = NDArray[np.float64]
@@ -82,31 +84,30 @@ class ScanUncertainty:
 
 
 def scan_uncertainty(
-    scans: list[ScanPose],
-    run: slice,
-    backend: Backend,
+    final: ActiveMap | PriorMap,
+    begin: int,
     uncertainty: Uncertainty | None,
-    R_frame_map: Floats,
+    T_bim_map: Floats | None,
     config: Config,
-    part: int,
-    place: float,
+    part: int = 0,
 ) -> ScanUncertainty:
-    """The lines of a map's `run`, a slice of its scans, whose poses are in a frame turned by (3, 3). `place`: the
-    probability that the map's place in the building is right; 0 without a place.
+    """Of a map's scans from number `begin` on, along the axes of the building where the map's place T_bim_map (4, 4) is
+    known, else of the map.
 
     A pose is as uncertain as the keyframes around it, what it was tracked worse than the one before, its own noise, and
     what a step between the two errs on the way: a Brownian bridge.
     """
     # a part that joined the map late may be from before the others
-    own, keyframes = sorted(scans[run], key=lambda scan: scan.stamp_ns), backend.keyframes
+    own, keyframes = sorted(final.scans[begin:], key=lambda scan: scan.stamp_ns), final.backend.keyframes
+    R_frame_map = np.eye(3) if T_bim_map is None else T_bim_map[:3, :3]
     stamps = np.array([scan.stamp_ns for scan in own], dtype=np.int64)
     floors = [keyframes[scan.keyframe].storey for scan in own]
     named = np.array(["" if floor is None else f"floor-{floor}" for floor in floors])
     sigma, health = np.full((len(own), 6), np.nan), np.array([scan.health for scan in own])
     is_lost = health == "lost"
     if uncertainty is not None and not is_lost.all():
-        sigma[:] = np.sqrt(_variances(scans, own, backend, uncertainty, R_frame_map, config.odometry))
-    probability = place * ~is_lost * probability_within(sigma, _limits(config.quality))
+        sigma[:] = np.sqrt(_variances(final, own, uncertainty, R_frame_map, config.odometry))
+    probability = (T_bim_map is not None) * ~is_lost * probability_within(sigma, _limits(config.quality))
     anchored, part_of = probability >= config.quality.anchored_probability, np.full(len(own), part)
     return ScanUncertainty(stamps, sigma, part_of, named, probability, anchored, health)
 
@@ -138,45 +139,41 @@ def _limits(settings: QualitySettings) -> Floats:
     return np.repeat([settings.anchored_position, np.radians(settings.anchored_attitude)], 3)
 
 
-def why_none_is_anchored(own: ScanUncertainty, settings: QualitySettings, place: float) -> str:
-    """One line, of a map that fits the plan at one place, which is right with the probability `place`. With the
-    settings that it names, 95 % of the scans that are not lost are anchored."""
+def why_none_is_anchored(own: ScanUncertainty, settings: QualitySettings) -> str:
+    """One line, of a map that fits the plan at one place. With the settings that it names, 95 % of the scans that are
+    not lost are anchored."""
     known = own.sigma[~own.lost]
     if not len(known):
         return "the map fits the plan, but every scan is lost"
     sigma = np.quantile(known, _MOST_SCANS, axis=0)
     if not np.isfinite(sigma).all():
         return "the map fits the plan, but the uncertainty of its poses cannot be computed"
-    least, limits, accepting = settings.anchored_probability, _limits(settings), {}
+    limits, accepting = _limits(settings), {}
     worst = int(np.argmax(sigma / limits))
     what = ("position along x", "position along y", "height", "roll", "pitch", "heading")[worst]
     known_to = f"{sigma[worst]:.2f} m" if worst < 3 else f"{np.degrees(sigma[worst]):.2f} degrees"
-    why = f"its {what} is too uncertain: the standard deviation is {known_to}"
-    if place < least:
-        why = f"the probability that its place is right is {place:.3g}"
-        accepting["anchored_probability"] = least = float(f"{0.98 * place:.3g}")
-    while np.mean(place * probability_within(known, limits) >= least) < _MOST_SCANS:
+    while np.mean(probability_within(known, limits) >= settings.anchored_probability) < _MOST_SCANS:
         group = int(np.argmax(sigma / limits)) // 3
         limits[3 * group : 3 * group + 3] *= 1.1  # until they suffice
         name, limit = (("anchored_position", limits[0]), ("anchored_attitude", np.degrees(limits[3])))[group]
         accepting[name] = float(np.ceil(10 * limit) / 10)
     advice = " ".join(f"--set quality.{name}={value}" for name, value in accepting.items())
+    why = f"its {what} is too uncertain: the standard deviation is {known_to}"
     return f"the map fits the plan, but {why}; {advice} accepts that"
 
 
 def _variances(
-    scans: list[ScanPose],
+    final: ActiveMap | PriorMap,
     own: list[ScanPose],
-    backend: Backend,
     uncertainty: Uncertainty,
     R_frame_map: Floats,
     settings: OdometrySettings,
 ) -> Floats:
     """(N, 6) along and about the axes of the frame."""
-    keyframes = backend.keyframes
+    scans, keyframes = final.scans, final.backend.keyframes
     used = np.array(sorted({scan.keyframe for scan in own}, key=lambda k: keyframes[k].stamp_ns))
     chosen = used[np.unique(np.linspace(0, len(used) - 1, min(len(used), _MOST)).astype(int))]
-    R_frame_keyframe = R_frame_map @ backend.poses[:, :3, :3]
+    R_frame_keyframe = R_frame_map @ final.backend.poses[:, :3, :3]
     known = _along_axes(uncertainty.pose_covariances(chosen.tolist()), R_frame_keyframe[chosen])
     began = own[0].stamp_ns
     at = np.array([keyframes[k].stamp_ns - began for k in chosen], dtype=np.float64)
@@ -193,29 +190,24 @@ def _variances(
     return np.asarray(variances + alone + (share * (1 - share))[:, None] * step)
 
 
-def live_sigma(
-    scans: list[ScanPose],
-    T_map_sensor: Floats,
-    covariance: Floats,
-    backend: Backend,
-    R_frame_map: Floats,
-    settings: OdometrySettings,
-) -> Floats:
+def live_sigma(known: ActiveMap, T_map_sensor: Floats, covariance: Floats, settings: OdometrySettings) -> Floats:
     """(6,) the standard deviations of the newest pose (4, 4), tracked with a covariance (6, 6), along (m) and about
-    (rad) the axes of a frame to which (3, 3) turns the map; NaN before the first optimisation.
+    (rad) the axes of the building where the map is anchored, else of the map; NaN before the first optimisation.
 
     The pose is as uncertain as the newest keyframe of that optimisation, and what it was tracked worse since then.
     """
+    backend, T_bim_map = known.backend, known.T_bim_map
     newest, uncertainty = backend.newest_in_optimum, backend.uncertainty()
+    R_frame_map = np.eye(3) if T_bim_map is None else T_bim_map[:3, :3]
     if newest is None or uncertainty is None:
         return np.full(6, np.nan)
     keyframe, steps = backend.keyframes[newest], len(backend.keyframes) - 1 - newest
     R_frame_keyframe = (R_frame_map @ keyframe.T_map_sensor[:3, :3])[None]
-    known = _along_axes(uncertainty.pose_covariances([newest]), R_frame_keyframe)
-    before = _along_axes(scans[keyframe.scan].covariance[None], R_frame_keyframe)
+    optimised = _along_axes(uncertainty.pose_covariances([newest]), R_frame_keyframe)
+    before = _along_axes(known.scans[keyframe.scan].covariance[None], R_frame_keyframe)
     tracked = _along_axes(covariance[None], (R_frame_map @ T_map_sensor[:3, :3])[None])
     step = np.repeat([settings.sigma_translation, settings.sigma_rotation], 3) ** 2
-    return np.asarray(np.sqrt(known + np.maximum(tracked - before, _OWN * tracked) + steps * step)[0])
+    return np.asarray(np.sqrt(optimised + np.maximum(tracked - before, _OWN * tracked) + steps * step)[0])
 
 
 def _along_axes(covariances: Floats, R: Floats) -> Floats:
