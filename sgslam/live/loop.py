@@ -22,9 +22,7 @@ from sgslam.cli.processes.mapping_process import HeldAnchor
 from sgslam.live.live_slam import Answer, LiveSlam
 from sgslam.perception.scan_checks import in_metres_and_sensor_frame
 
-_AHEAD = 8  # scans read ahead where they come faster than they are tracked
 _FORM = "initialpose X Y YAW (m, m, rad)"
-_LOOK = 0.1  # s between two looks whether the end was asked for
 
 
 def read_pose(line: str) -> Triple | None:
@@ -113,12 +111,12 @@ class LiveLoop:
 
     def _scans(self) -> Iterator[Scan]:
         """The scans, read by another thread."""
-        arrivals: queue.Queue[Arrival | Exception | None] = queue.Queue(_AHEAD)
+        arrivals: queue.Queue[Arrival | Exception | None] = queue.Queue(8)  # read ahead where they come quickly
         threading.Thread(target=_read, args=(self.stream, arrivals), daemon=True).start()
         last_s = perf_counter()
         while not self.is_over():
             with contextlib.suppress(queue.Empty):
-                arrival = arrivals.get(timeout=_LOOK)
+                arrival = arrivals.get(timeout=0.1)  # then looks whether the end was asked for
                 if arrival is None:
                     return
                 if isinstance(arrival, Exception):

@@ -27,7 +27,6 @@ from sgslam.types import TrackedScan
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
-_LOOP_ROUNDS = 3  # rounds of closing loops and optimising, at most
 _FOLLOW = 0.1  # share of its change by which the sensor's usual height above the floor follows it at each keyframe
 
 
@@ -254,7 +253,7 @@ class ActiveMap:
     def _close_loops(self, anchors: Anchors | None) -> None:
         """Closes loops, withdraws contradicted closures and optimises until nothing changes. An anchored map needs no
         loop closure unless the odometry may have slipped."""
-        for _ in range(_LOOP_ROUNDS):
+        for _ in range(3):  # at most
             if self.placed and not self.backend.has_weak_steps:
                 return
             keyframes, floor = self.backend.keyframes, self.floors.current

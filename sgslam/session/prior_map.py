@@ -22,7 +22,6 @@ from sgslam.session.scan_poses import ScanPose
 
 Floats = NDArray[np.float64]
 _SAME_FLOOR = 1.0  # m of height between two floors that are the same
-_ROUNDS = 6  # of optimising and merging walls, at most
 _log = logging.getLogger(__name__)
 
 
@@ -125,7 +124,7 @@ class PriorMap:
         _log.info("merged %d keyframes into a map of %d; %d walls seen in both", count, first, len(same))
         for floor in self.floors.maps:  # floors that both have seen become one while the two maps are where they belong
             floor.levels.refresh(self.backend.levels_in_map, self.backend.poses)
-        for _ in range(_ROUNDS):
+        for _ in range(6):  # at most
             self.backend.optimise(self.floors.seen, self.floors.levels, [], None, steps=20)
             walls = len({s.wall for s in self.floors.seen})
             self.floors.refresh(self.backend, self.height, last=False)

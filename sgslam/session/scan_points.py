@@ -65,13 +65,12 @@ class ScanPoints:
         self._end += len(record)
 
     def _opened(self) -> BinaryIO:
-        path = self._path
-        if self._file is None and path is None:
-            self._file = cast(BinaryIO, tempfile.TemporaryFile(buffering=0))  # noqa: SIM115
-        elif self._file is None and path is not None:
-            self._file = cast(BinaryIO, os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT, 0o644), "r+b", 0))
+        if self._file is None:
+            if (path := self._path) is not None:
+                path.touch()
+            opened = tempfile.TemporaryFile(buffering=0) if path is None else path.open("r+b", buffering=0)  # noqa: SIM115
+            self._file = cast(BinaryIO, opened)
             os.ftruncate(self._file.fileno(), self._end)  # drops what an earlier run left beyond
-        assert self._file is not None
         return self._file
 
     def read(self) -> list[TimedPoints]:

@@ -159,7 +159,7 @@ class RunTracker:
             if scan.raw.T_odom_sensor is not None:  # which says where the sensor is
                 self._mode = "lost" if scan.health == "lost" else "tracking"
             else:
-                elsewhere_ns = self._lose(scan) if scan.health == "lost" else self._find(scan)
+                elsewhere_ns = self._take_lost(scan) if scan.health == "lost" else self._take_found(scan)
             if elsewhere_ns is not None:
                 return [*given_out, *self._begin_elsewhere(elsewhere_ns, scans[number:])]
             self.motion.compare_clock(scan)
@@ -168,7 +168,7 @@ class RunTracker:
                 given_out += self._give_out()
         return given_out
 
-    def _lose(self, scan: TrackedScan) -> int | None:
+    def _take_lost(self, scan: TrackedScan) -> int | None:
         """Takes a scan that does not fit the map; since when the sensor is elsewhere, None where it is not."""
         raw, known, self._mode = scan.raw, self._losses, "lost"
         if known.lost_ns is None:
@@ -187,7 +187,7 @@ class RunTracker:
         self._losses, self._other = replace(known, found_ns=found_ns), None
         return None
 
-    def _find(self, scan: TrackedScan) -> int | None:
+    def _take_found(self, scan: TrackedScan) -> int | None:
         """Takes a scan that fits the map; since when the sensor is elsewhere, None where it is not."""
         stamp_ns, known, settings = scan.raw.stamp_ns, self._losses, self._config.tracking
         if scan.registration.is_after_pause and known.lost_ns is None:

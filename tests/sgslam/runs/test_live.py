@@ -21,8 +21,7 @@ from data.plans.bim import load_bim
 from data.trajectory import Trajectory
 from sgslam.cli.processes.run_map import map_start
 from sgslam.cli.processes.tracking_side import LogLines
-from sgslam.live import LiveSlam
-from sgslam.live.live_slam import latencies
+from sgslam.live.live_slam import LiveSlam, latencies
 from sgslam.live.loop import read_pose
 from sgslam.slam import SceneGraphSlam
 
