@@ -138,8 +138,6 @@ class LiveSlam:
         options = replace(more or RunOptions(), **told, single_pass=True, live=True)
         config = config or Config()
         compile_ahead().wait()
-        self._T_odom_sensor: Floats = np.eye(4)
-        self._health: Health | None = None
         self._seconds, self._most_waiting = list[float](), 0  # of the answers
         self._map = MappingProcess(most_waiting, warns=True)
         try:
@@ -168,8 +166,24 @@ class LiveSlam:
         ended.
         """
         began = perf_counter() if came_s is None else came_s
-        self._T_odom_sensor, self._health = self._newest(self._side.add_scan(stamp_ns, points, point_times))
-        answer = self._answer(int(stamp_ns), self._map.state, perf_counter() - began)
+        T_odom_sensor, health = self._newest(self._side.add_scan(stamp_ns, points, point_times))
+        known, part = self._map.state, self._side.tracking.part
+        if known.part != part:  # that map is of the frame `odom` before
+            known = MapState(map_stamp_ns=known.map_stamp_ns, keyframes=known.keyframes)
+        answer = Answer(
+            stamp_ns=int(stamp_ns),
+            T_odom_sensor=T_odom_sensor,
+            T_map_odom=known.T_map_odom,
+            T_bim_map=known.T_bim_map,
+            health=health,
+            anchors=known.anchors,
+            map_stamp_ns=known.map_stamp_ns,
+            part=part,
+            keyframes=known.keyframes,
+            waiting=self._map.waiting,
+            seconds=perf_counter() - began,
+            place=known.place,
+        )
         self._seconds.append(answer.seconds)
         self._most_waiting = max(self._most_waiting, answer.waiting)
         return answer
@@ -223,11 +237,3 @@ class LiveSlam:
         if (held := self._side.tracking.held) is not None:
             return held.T_odom_sensor, "lost"
         return scans[-1].T_odom_sensor, scans[-1].health
-
-    def _answer(self, stamp_ns: int, known: MapState, seconds: float) -> Answer:
-        part = self._side.tracking.part
-        if known.part != part:  # that map is of the frame `odom` before
-            known = MapState(map_stamp_ns=known.map_stamp_ns, keyframes=known.keyframes)
-        mapped = (known.map_stamp_ns, part, known.keyframes)
-        poses = (self._T_odom_sensor, known.T_map_odom, known.T_bim_map)
-        return Answer(stamp_ns, *poses, self._health, known.anchors, *mapped, self._map.waiting, seconds, known.place)

@@ -60,17 +60,14 @@ def quality_of(
     way = float(np.linalg.norm(np.diff(in_map.positions, axis=0), axis=1).sum())
     sigma = np.linalg.norm(uncertainty.sigma[:, :3], axis=1)
     known = sigma[np.isfinite(sigma) & (uncertainty.anchored if uncertainty.anchored.any() else True)]
-    found = {
-        "map_against_odometry": _at_most(
-            _difference(in_map, odometry, begins) / max(way, 1.0), settings.map_against_odometry
-        ),
-        "lost_scans": _at_most(lost, settings.lost_scans),
-        "unplaced_scans": _at_most(unplaced, settings.unplaced_scans),
-        "keyframes_without_walls": _at_most(
-            float(np.mean([count == 0 for count in walls_seen])), settings.keyframes_without_walls
-        ),
-        "walls_per_keyframe": at_least(float(np.mean(walls_seen)), settings.walls_per_keyframe),
+    at_most = {
+        "map_against_odometry": _difference(in_map, odometry, begins) / max(way, 1.0),
+        "lost_scans": lost,
+        "unplaced_scans": unplaced,
+        "keyframes_without_walls": float(np.mean([count == 0 for count in walls_seen])),
     }
+    found = {name: _at_most(value, getattr(settings, name)) for name, value in at_most.items()}
+    found["walls_per_keyframe"] = at_least(float(np.mean(walls_seen)), settings.walls_per_keyframe)
     if len(known):
         found["position_sigma_m"] = _at_most(float(np.quantile(known, 0.95)), settings.position_sigma)
     return found
