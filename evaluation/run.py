@@ -134,7 +134,7 @@ def _system(case: DriveCase, variant: Variant, drive: Drive, sent: Troubled, wor
         live=_live(live),
         stamps_ns=known.stamps_ns,
         sigma=known.sigma if variant.plan else np.full_like(known.sigma, np.nan),  # of another frame
-        health=tuple(known.health),
+        health=tuple(known.health.tolist()),
         no_place=case.trouble in NO_PLACE,
         facts=facts,
     )
@@ -192,7 +192,7 @@ def _live(updates: list[Update]) -> Trajectory:
 def _facts(result: Result) -> Record:
     return {
         "reason": result.reason,
-        "place": None if result.place is None else [result.place.probability, result.place.runner_up],
+        "place": None if result.place is None else [result.place.probability, result.place.posterior.two_best[1][0]],
         "first_anchor_s": result.first_anchor_s,
         "alarms": [name for name, signal in result.quality.items() if not signal.ok],
         "match_status": "none" if result.matches is None else result.matches["status"],
@@ -208,7 +208,7 @@ def _placed(result: Result, truth: Trajectory) -> Record | None:
     place, known = result.place, result.uncertainty
     if place is None or place.T_bim_map is None:
         return None
-    kept = (known.part == 0) & (np.array(known.health) != "lost")
+    kept = known.known
     poses = result.trajectory_map.only(kept).transformed(place.T_bim_map)
     return {"scans": len(poses), "wrong": wrong_poses(poses, truth), "signals": dict(place.signals)}
 

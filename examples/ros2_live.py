@@ -22,7 +22,7 @@ from data.geometry.poses import poses_to_xyzquat
 from data.scans.cloud_messages import POINT_CLOUD, read_cloud
 from data.scans.reading_errors import UnreadableScanError
 from data.scans.scan import finished
-from sgslam.live import Answer, LiveSlam
+from sgslam.live.live_slam import Answer, LiveSlam
 
 try:
     import rclpy

@@ -14,16 +14,16 @@ from typing import TYPE_CHECKING
 from sgslam.own_packages import foreign_package
 
 if TYPE_CHECKING:
-    from data.common.errors import UserError
-    from data.plans import load_bim
-    from data.scene_graph import SceneGraph
-    from matching.matcher import Matcher
-    from sgslam.config import Config
-    from sgslam.live.live_slam import LiveSlam
-    from sgslam.odometry.kiss import KissOdometry
-    from sgslam.result import Result
-    from sgslam.slam import SceneGraphSlam
-    from sgslam.types import Update
+    from data.common.errors import UserError as UserError
+    from data.plans import load_bim as load_bim
+    from data.scene_graph import SceneGraph as SceneGraph
+    from matching.matcher import Matcher as Matcher
+    from sgslam.config import Config as Config
+    from sgslam.live.live_slam import LiveSlam as LiveSlam
+    from sgslam.odometry.kiss import KissOdometry as KissOdometry
+    from sgslam.result import Result as Result
+    from sgslam.slam import SceneGraphSlam as SceneGraphSlam
+    from sgslam.types import Update as Update
 
     __version__: str
 
@@ -39,18 +39,7 @@ _MODULES = {
     "UserError": "data.common.errors",
     "load_bim": "data.plans.bim",
 }
-__all__ = [
-    "Config",
-    "KissOdometry",
-    "LiveSlam",
-    "Matcher",
-    "Result",
-    "SceneGraph",
-    "SceneGraphSlam",
-    "Update",
-    "UserError",
-    "load_bim",
-]
+__all__ = list(_MODULES)
 
 for _name in ("data", "matching", "factors"):
     if _message := foreign_package(_name):

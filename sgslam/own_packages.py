@@ -8,7 +8,11 @@ ROOT = Path(__file__).resolve().parents[1]
 
 def foreign_package(name: str) -> str | None:
     """One line for the user where `name` is not our own package; None where it is. The package is not loaded."""
-    found = package_file(name)
+    try:
+        spec = find_spec(name)
+    except ValueError:  # a module without a spec stands in sys.modules
+        spec = None
+    found = Path(spec.origin).resolve() if spec is not None and spec.origin else None
     if found == ROOT / name / "__init__.py":
         return None
     other = "none" if found is None else f"another, {found}"
@@ -16,12 +20,3 @@ def foreign_package(name: str) -> str | None:
         f"sgslam needs its own package '{name}' from {ROOT}, but Python finds {other}; "
         "run in an environment or folder without it"
     )
-
-
-def package_file(name: str) -> Path | None:
-    """The file that an import of `name` would load; None where there is no such package or it has no file."""
-    try:
-        spec = find_spec(name)
-    except ValueError:  # a module without a spec stands in sys.modules
-        return None
-    return Path(spec.origin).resolve() if spec is not None and spec.origin else None

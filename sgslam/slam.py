@@ -1,7 +1,6 @@
 """The algorithm: from scans to an S-graph, matched with and anchored to a plan, and a trajectory in the BIM frame."""
 
 import logging
-import pickle
 from dataclasses import replace
 from typing import Any
 
@@ -17,6 +16,7 @@ from sgslam.odometry import Odometry
 from sgslam.registration.motion import deskewed
 from sgslam.result import Result
 from sgslam.result.finishing import assemble_result
+from sgslam.serialization import pack, unpack
 from sgslam.session import PriorMap, Session, Stopwatch
 from sgslam.session.run_state import RunState
 from sgslam.session.second_pass import pass_again
@@ -36,23 +36,27 @@ class SceneGraphSlam(RunState):
     by default our own registration in continuous time); `clouds` stores the keyframes' points (default: an anonymous
     temporary file). `prior` is the map of earlier runs: the run is relocalised in it, wherever it starts, and merged
     into it at the end; all results are then in that map's frame. `storey` is the name or id of the A-graph's floor on
-    which the run begins; raises UserError if it does not exist. `stopwatch` measures the time of each stage. Scans must
-    be added in the order of their stamps.
+    which the run begins; raises UserError if it does not exist. Scans must be added in the order of their stamps.
     """
 
     def __init__(
-        self, bim: SceneGraph | Bim | None = None, matcher: AnyMatcher | None = None, config: Config | None = None,
-        odometry: Odometry | None = None, clouds: KeyframeClouds | None = None, prior: PriorMap | None = None,
-        storey: str | None = None, stopwatch: Stopwatch | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        bim: SceneGraph | Bim | None = None,
+        matcher: AnyMatcher | None = None,
+        config: Config | None = None,
+        odometry: Odometry | None = None,
+        clouds: KeyframeClouds | None = None,
+        prior: PriorMap | None = None,
+        storey: str | None = None,
+    ) -> None:
         config = config or Config()
         a_graph = bim.graph if isinstance(bim, Bim) else bim
         self._plan_file = bim.path if isinstance(bim, Bim) else None
         clouds = KeyframeClouds(None, config.clouds.keyframe_voxel) if clouds is None else clouds
-        self._config, self._stopwatch = config, stopwatch or Stopwatch()
+        self._config, self._stopwatch = config, Stopwatch()
         self._tracking = RunTracker(config, odometry)
         self._session = Session(config, a_graph, matcher, prior, storey)
-        self._map = self._session.begin(clouds, self._stopwatch)
+        self._clouds, self._map = clouds, self._session.begin(clouds, self._stopwatch)
         self._tracked: list[TrackedScan] = []  # scans that are not in the map yet
         self._elsewhere: TrackerNotes | None = None  # of a tracker elsewhere
 
@@ -156,7 +160,7 @@ class SceneGraphSlam(RunState):
         session, notes = self._session, self._elsewhere or self._tracking.notes
         single, again = None, False
         if second_pass and session.prior is None and not session.unplaced and not notes.has_imu:
-            single = pickle.dumps(self._map.state()) if self.anchored else None
+            single = pack(self._map, self._config, **self._given) if self.anchored else None
             again = pass_again(self._map, self._config.tracking)
         self._map.refine()
         advice = list(notes.advice)
@@ -168,8 +172,7 @@ class SceneGraphSlam(RunState):
         if single is None or not again or result.anchored:
             return result
         _log.warning("the second pass is left out: after it, %s", result.reason)
-        self._map = session.begin(self.clouds, self._stopwatch)
-        self._map.restore(pickle.loads(single))
+        self._map = unpack(single, self._config, **self._given)
         self._map.complete()
         self._map.refine()
         return assemble_result(self._map, *finished, passed_again=False)

@@ -15,12 +15,8 @@ from sgslam.slam import SceneGraphSlam
 from sgslam.tracking import RunTracker
 
 Floats = NDArray[np.float64]
-_ROOM = np.array([3.0, 4.0, 1.5])  # m, from the middle to the walls and the ceiling
-_OTHER = np.array([5.0, 2.0, 1.5])
+_ROOM, _OTHER = np.array([3.0, 4.0, 1.5]), np.array([5.0, 2.0, 1.5])  # m, from the middle to the walls and the ceiling
 _SCANS, _LOST = 50, 12  # in the room, and in the other one, in which the sensor is lost
-_PERIOD_NS = 100_000_000
-_SPEED = 0.5  # m/s
-_SPAN = 0.09  # s, of a scan
 
 
 @cache
@@ -43,30 +39,25 @@ def warm_up(config: Config, with_map: bool) -> None:
     level = log.level
     log.setLevel(logging.CRITICAL)  # what is said of this room is of no interest
     try:
-        _run(config, with_map)
+        if with_map:
+            slam = SceneGraphSlam(config=config)
+            for scan in _drive():
+                slam.add_scan(*scan)
+            slam.finish()
+        else:
+            tracker = RunTracker(config)
+            for scan in _drive():
+                tracker.track(*scan)
     finally:
         log.setLevel(level)
 
 
-def _run(config: Config, with_map: bool) -> None:
-    scans = _drive()
-    if not with_map:
-        tracker = RunTracker(config)
-        for stamp_ns, points, seconds in scans:
-            tracker.track(stamp_ns, points, seconds)
-        return
-    slam = SceneGraphSlam(config=config)
-    for stamp_ns, points, seconds in scans:
-        slam.add_scan(stamp_ns, points, seconds)
-    slam.finish()
-
-
 def _drive() -> Iterator[tuple[int, Floats, Floats]]:
-    """The stamp, points (N, 3) and times (N,) of each scan."""
+    """The stamp, points (N, 3) and times (N,) of each scan: ten a second, at 0.5 m/s, there and there again."""
     for number in range(_SCANS + _LOST):
-        place = np.array([_SPEED * _PERIOD_NS / 1e9 * (number % (_SCANS // 2)) - 1.0, 0.3, 0.0])
+        place = np.array([0.05 * (number % (_SCANS // 2)) - 1.0, 0.3, 0.0])
         points = _seen(place, _ROOM if number < _SCANS else _OTHER)
-        yield number * _PERIOD_NS, points, np.linspace(0.0, _SPAN, len(points))
+        yield number * 100_000_000, points, np.linspace(0.0, 0.09, len(points))
 
 
 def _seen(place: Floats, room: Floats) -> Floats:

@@ -23,7 +23,7 @@ from evaluation.drive import Drive, DriveCase, DriveOptions, drive_of, release
 from evaluation.metrics.trajectories import error_in_bim
 from evaluation.study import Claim, Record, Study
 from evaluation.tables import Column, Query, count, spread, spread_of
-from sgslam.live import LiveSlam
+from sgslam.live.live_slam import LiveSlam
 from sgslam.slam import SceneGraphSlam
 
 LATE_S = 0.1  # the time between two scans of most LiDARs

@@ -5,8 +5,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
-from sgslam.serialization import Stateful
-
 State = Literal["tight", "loose", "withdrawn"]
 Key = tuple[int, str]  # wall, A surface
 _log = logging.getLogger(__name__)
@@ -50,10 +48,8 @@ class AnchorStatus:
     why: str
 
 
-class AnchorLog(Stateful):
+class AnchorLog:
     """The records of a run, in the order in which the anchors were added."""
-
-    _STATE = ("_records",)
 
     def __init__(self) -> None:
         self._records: dict[Key, AnchorRecord] = {}

@@ -52,17 +52,6 @@ class BuildingAnchoring:
             self._of[number] = FloorAnchoring(self._plan, self._matcher, self._config, number)
         return self._of[number]
 
-    def state(self) -> dict[str, Any]:
-        """Returns the state as a tree (see `state_tree`)."""
-        return {"of": {number: own.state() for number, own in self._of.items()}, "joint": self._joint}
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Restores what `state` returned."""
-        self._of.clear()
-        self._joint = state["joint"]
-        for number, of_floor in state["of"].items():
-            self.of(number).restore(of_floor)
-
     @property
     def origin(self) -> Floats:
         """(3,) the origin of the factor graph's local frame in the BIM frame."""

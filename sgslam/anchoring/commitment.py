@@ -10,20 +10,17 @@ from sgslam.anchoring.anchor_log import Key
 from sgslam.anchoring.wall_alignment import planar_pose
 from sgslam.geometry.frames import inverse
 from sgslam.mapping import Scene, WallMap
-from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
 
 
-class Commitment(Stateful):
+class Commitment:
     """The committed match of one floor.
 
     `match` is None while there is none; `place` (3,) is its T_local_level, yaw x y; `pairs` are its walls and planned
     surfaces. `follows`: the place is that of another floor, with its `other_confidence`. `replaced`: the back end's
     estimate is still that of a match that was withdrawn.
     """
-
-    _STATE = ("match", "place", "pairs", "follows", "other_confidence", "replaced")
 
     def __init__(self) -> None:
         self.match: MatchResult | None = None

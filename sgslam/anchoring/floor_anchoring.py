@@ -20,7 +20,6 @@ from sgslam.anchoring.wall_alignment import WallAlignment, align_walls
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, se2_to_se3
 from sgslam.mapping import Anchors, FloorMap, Scene, WallMap
-from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -41,19 +40,6 @@ class FloorAnchoring:
         self.matching = FloorMatching(plan, matcher, config.anchors)
         self.commitment = Commitment()
         self.log = AnchorLog()
-
-    @property
-    def _parts(self) -> dict[str, Stateful]:
-        return {"matching": self.matching, "commitment": self.commitment, "log": self.log}
-
-    def state(self) -> dict[str, Any]:
-        """The state of its parts; see `Stateful`."""
-        return {name: part.state() for name, part in self._parts.items()}
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Restores what `state` returned."""
-        for name, part in self._parts.items():
-            part.restore(state[name])
 
     @property
     def match(self) -> MatchResult | None:

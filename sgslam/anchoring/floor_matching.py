@@ -15,7 +15,6 @@ from sgslam.anchoring.soundness import known_map
 from sgslam.anchoring.wall_alignment import place_from_match
 from sgslam.config import AnchorSettings
 from sgslam.mapping import Scene, WallMap
-from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -27,15 +26,13 @@ STOREY_REASON = "storey '{}' of the plan explains the map better than the one th
 HEIGHT_REASON = "the height between the floors rules out its storey"
 
 
-class FloorMatching(Stateful):
+class FloorMatching:
     """Asks the matcher about one floor and remembers its answer.
 
     `match` is the newest answer, `scene` the map it is about, `posterior` what follows from it, `rejection` the reason
     why it was not accepted, empty where the answer says it. Only `storey` is matched where it follows from other
     floors; `possible_storeys` are those that the heights between the floors allow, all where that list is empty.
     """
-
-    _STATE = ("storey", "possible_storeys", "match", "scene", "posterior", "rejection", "count", "_asked_at")
 
     def __init__(self, plan: Plan, matcher: AnyMatcher, settings: AnchorSettings) -> None:
         self._plan, self._matcher, self._settings = plan, matcher, settings

@@ -46,6 +46,12 @@ class PlacePosterior:
         """The probability that the map is at none of the places."""
         return max(0.0, 1.0 - self.mirrored - sum(place.probability for place in self.places))
 
+    @property
+    def two_best(self) -> tuple[tuple[float, str | None], tuple[float, str | None]]:
+        """The probabilities and storeys of the best place and of the runner-up; 0 and None where there is none."""
+        best, other = ([(place.probability, place.floor) for place in self.places] + 2 * [(0.0, None)])[:2]
+        return best, other
+
     def at(self, T_a_s: Floats, floor: str | None, s: SceneGraph) -> float:
         """The probability of a place (3,) of a map, with those that do not differ from it."""
         near = (p for p in self.places if p.floor == floor and not differ(np.array(p.T_a_s), T_a_s, s))

@@ -70,41 +70,35 @@ class Backend:
         for i in [key[0] for key in self.log.held("odometry") if len(key) == 1]:
             self._builder.hold_step(int(i), self._step(int(i)))
 
-    def state(self) -> dict[str, Any]:
-        """Returns the state as a tree (see `state_tree`)."""
+    def __getstate__(self) -> dict[str, Any]:
+        """The attributes, with the measured steps and the log's keys in place of factors and estimates."""
         held = [entry.factor for key, entry in self.log.held("odometry").items() if len(key) == 1]
         steps = [factor.measured().matrix() for factor in held if isinstance(factor, gtsam.BetweenFactorPose3)]
-        return {
-            "keyframes": self.keyframes, "steps": steps, "planes_in_map": self.planes_in_map,
-            "levels_in_map": self.levels_in_map, "T_map_local": self.T_map_local, "optimised_at": self._optimised_at,
-            "sound": self._sound, "seen": self._inputs.seen, "levels": self._inputs.levels,
-            "rooms": self._inputs.rooms, "anchors": self._inputs.anchors, "closures": self.closures,
-            "begin": self._builder.begin, "found": self._builder.found, "log": self.log.state(),
-        }  # fmt: skip
+        placed = self._builder.begin, self._builder.found
+        return {**vars(self), "_optimum": None, "_builder": placed, "log": self.log.state(), "steps": steps}
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Restores what `state` returned; the factors are rebuilt from the inputs of the last optimisation.
-
-        Raises ValueError where they differ from those that were saved.
-        """
-        self.keyframes[:] = state["keyframes"]
-        self.planes_in_map, self.levels_in_map = state["planes_in_map"], state["levels_in_map"]
-        self.closures[:], self._builder.found = state["closures"], dict(state["found"])
-        self.T_map_local, self._optimised_at, self._sound = state["T_map_local"], state["optimised_at"], state["sound"]
-        made = FactorLog()
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Builds the factors again from the inputs of the last optimisation. Raises ValueError where they differ from
+        those that were saved."""
+        begin, found = state.pop("_builder")
+        log, steps = state.pop("log"), state.pop("steps")
+        vars(self).update(state)
+        self.log, made = FactorLog(), FactorLog()
+        self._builder = GraphBuilder(self._config, self.keyframes, self.log)
+        self._builder.begin, self._builder.found = begin, found
         builder = GraphBuilder(self._config, self.keyframes, made)
         if self.keyframes:
-            self._builder.begin = state["begin"]
-            builder.hold_begin(state["begin"])
-        for i, place in self._builder.found.items():
+            builder.hold_begin(begin)
+        for i, place in found.items():
             builder.hold_place(i, place)
-        held = state["log"]["held"]["odometry"]
-        for (i,), step in zip((key for key in held if len(key) == 1), state["steps"], strict=True):
+        held = log["held"]["odometry"]
+        for (i,), step in zip((key for key in held if len(key) == 1), steps, strict=True):
             builder.hold_step(i, step)
         for i in (key[0] for key in held if len(key) == 2):
             builder.bridge(i)
-        self._inputs = self._hold(builder, state["seen"], state["levels"], state["rooms"], state["anchors"])
-        self.log.restore(state["log"], made)
+        known = self._inputs
+        self._inputs = self._hold(builder, known.seen, known.levels, known.rooms, known.anchors)
+        self.log.restore(log, made)
 
     def _hold(
         self, builder: GraphBuilder, seen: list[SeenWall], levels: list[SeenLevel], rooms: list[RoomNode],

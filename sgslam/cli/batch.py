@@ -111,7 +111,7 @@ def run_job(job: Job) -> None:
     may_have_children()  # a worker of Dask is a daemon
     begun = job.record()
     options = job.options
-    if begun and begun.get("code") is None and (job.out / "state.npz").is_file():
+    if begun and begun.get("code") is None and (job.out / "state.bin").is_file():
         from sgslam.session.checkpoints import about_run
 
         if not about_run(job.out).get("finished"):  # else only the note of its end is missing

@@ -1,7 +1,5 @@
 """The newest samples of an IMU, in the LiDAR's axes."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -9,17 +7,14 @@ from scipy.spatial.transform import Rotation
 from data.imu import ImuSamples
 from data.imu.samples import unit_of_forces
 from sgslam.config import ImuSettings
-from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
 _BEFORE_NS = 10_000_000_000  # before a scan: the one before, and the last measurement of the biases, are later
 _GAP_NS = 50_000_000  # longest time between samples, or beyond them, over which the rate of turn is interpolated
 
 
-class ImuBuffer(Stateful):
+class ImuBuffer:
     """Samples are added in the order of their stamps, and kept until `forget`."""
-
-    _STATE = ("_stamps", "_values", "unit")
 
     def __init__(self, settings: ImuSettings) -> None:
         self.settings = settings
@@ -90,8 +85,3 @@ class ImuBuffer(Stateful):
         changed = np.gradient(rates, seconds, axis=0)
         both = np.cross(changed, place) + np.cross(rates, np.cross(rates, place))
         return np.asarray(both[len(both) - len(gyro) :])
-
-    def state(self) -> dict[str, Any]:
-        """See `Stateful`."""
-        self._take_newer()
-        return super().state()

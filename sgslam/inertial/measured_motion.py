@@ -1,7 +1,6 @@
 """What an IMU tells of the motion between knots: turns, and changes of the velocity; both biases are estimated."""
 
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,6 @@ from sgslam.inertial.preintegration import (
     unsteady,
     velocity_changes,
 )
-from sgslam.serialization import Stateful
 from sgslam.types import UnsteadyTurn
 
 Floats = NDArray[np.float64]
@@ -28,14 +26,12 @@ _WALK = 0.005  # of a bias, as a share of its first standard deviation, in a roo
 _ATTITUDE, _VELOCITY = 3e-3, 0.05  # rad and m/s, standard deviations of what registration finds
 
 
-class _Bias(Stateful):
+class _Bias:
     """The bias of an inertial sensor, a random walk in three axes: a Kalman filter, by what registration finds.
 
     At the beginning it is zero with a standard deviation of `first`. `error` is the standard deviation of each of the
     two values by registration that a measurement compares.
     """
-
-    _STATE = ("value", "covariance")
 
     def __init__(self, first: float, error: float) -> None:
         self._walk, self._error = _WALK * first, error
@@ -52,13 +48,11 @@ class _Bias(Stateful):
         self.covariance = (P + P.T) / 2
 
 
-class MeasuredMotion(Stateful):
+class MeasuredMotion:
     """Turns and changes of velocity at times in seconds after `begin`.
 
     The biases are measured about every second by the attitudes and velocities that registration finds.
     """
-
-    _STATE = ("_first_ns", "_seen", "_changed")
 
     def __init__(self, imu: ImuBuffer) -> None:
         self._imu, self._settings, self._first_ns = imu, imu.settings, 0
@@ -183,13 +177,3 @@ class MeasuredMotion(Stateful):
             return None
         R, J = preintegrated(samples[0], samples[1].gyro, self._gyro_bias.value, begin, end)
         return R, J
-
-    def state(self) -> dict[str, Any]:
-        """See `Stateful`; with the biases."""
-        return {**super().state(), "gyro": self._gyro_bias.state(), "accel": self._accel_bias.state()}
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """See `Stateful`."""
-        super().restore(state)
-        self._gyro_bias.restore(state["gyro"])
-        self._accel_bias.restore(state["accel"])

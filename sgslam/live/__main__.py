@@ -40,7 +40,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"ready; results will be in {out}", file=sys.stderr)
         fault = loop.run()
     print(f"{live.waiting} scans still wait for the map; then the results are written", file=sys.stderr)
-    metrics = live.finish(stream.skipped, stream.remarks, {"since_arrival": loop.latencies.to_dict()})
+    metrics = live.finish(stream.skipped, stream.remarks)
     print(_summary(metrics, out), file=sys.stderr)
     if fault is not None:
         raise UserError(f"{fault}; the results so far are in {out}")
@@ -76,7 +76,7 @@ def _opened(source: str, topic: str | None) -> Any:
 
 
 def _summary(metrics: dict[str, Any], out: Path) -> str:
-    told = metrics["live"]["since_arrival"]
+    told = metrics["live"]
     where = "anchored" if metrics["anchored"] else "not anchored"
     times = f"{told['p50_ms']} ms (median; 99 %: {told['p99_ms']}, longest: {told['longest_ms']})"
     return (

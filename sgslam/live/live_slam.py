@@ -21,7 +21,7 @@ from sgslam.config import Config
 from sgslam.types import Health, TrackedScan
 from sgslam.warm_up import compile_ahead, warm_up
 
-__all__ = ["Answer", "HeldAnchor", "Latencies", "LiveSlam"]
+__all__ = ["Answer", "HeldAnchor", "LiveSlam"]
 Floats = NDArray[np.float64]
 
 
@@ -40,8 +40,8 @@ class Answer:
     None before the first.
 
     `keyframes` is the number of keyframes in the map. `waiting` is the number of scans that are tracked and wait for
-    the map, this one included. `seconds` is the time from the call to the answer. `place` is the probability of the
-    map's best place in the plan when it was last matched, and that of the runner-up.
+    the map, this one included. `seconds` is the time from the scan's arrival to the answer. `place` is the probability
+    of the map's best place in the plan when it was last matched, and that of the runner-up.
     """
 
     stamp_ns: int
@@ -98,30 +98,13 @@ def _pose(T: Floats | None) -> list[float] | None:
     return None if T is None else [round(float(value), 6) for value in poses_to_xyzquat(T[None])[0]]
 
 
-class Latencies:
-    """How long answers took, and the most scans that ever waited."""
-
-    def __init__(self) -> None:
-        self._seconds: list[float] = []
-        self._most_waiting = 0
-
-    def add(self, seconds: float, waiting: int) -> None:
-        """Adds an answer."""
-        self._seconds.append(seconds)
-        self._most_waiting = max(self._most_waiting, waiting)
-
-    @property
-    def answers(self) -> int:
-        """How many there were."""
-        return len(self._seconds)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values for metrics.json; the percentiles are None before the first answer."""
-        told: dict[str, Any] = {"answers": self.answers, "p50_ms": None, "p99_ms": None, "longest_ms": 0}
-        if self._seconds:
-            shares = np.quantile(self._seconds, (0.5, 0.99, 1.0), method="inverted_cdf")
-            told |= zip(("p50_ms", "p99_ms", "longest_ms"), np.rint(1000 * shares).astype(int).tolist(), strict=True)
-        return told | {"most_waiting": self._most_waiting}
+def latencies(seconds: Sequence[float]) -> dict[str, Any]:
+    """How long answers took, as in metrics.json; the percentiles are None before the first."""
+    told: dict[str, Any] = {"answers": len(seconds), "p50_ms": None, "p99_ms": None, "longest_ms": 0}
+    if seconds:
+        shares = np.quantile(seconds, (0.5, 0.99, 1.0), method="inverted_cdf")
+        told |= zip(("p50_ms", "p99_ms", "longest_ms"), np.rint(1000 * shares).astype(int).tolist(), strict=True)
+    return told
 
 
 class LiveSlam:
@@ -155,9 +138,7 @@ class LiveSlam:
         options = replace(more or RunOptions(), **told, single_pass=True, live=True)
         config = config or Config()
         compile_ahead().wait()
-        self._T_odom_sensor: Floats = np.eye(4)
-        self._health: Health | None = None
-        self._latencies = Latencies()
+        self._seconds, self._most_waiting = list[float](), 0  # of the answers
         self._map = MappingProcess(most_waiting, warns=True)
         try:
             self._map.begin(RunInputs(options, config, PassedScans(out)))
@@ -170,17 +151,41 @@ class LiveSlam:
         atexit.register(self._map.end)  # without a call of finish the results are written all the same
         self._side = TrackingSide(config, self._map)
 
-    def add_scan(self, stamp_ns: int, points: NDArray[np.floating[Any]], point_times: Floats | None = None) -> Answer:
+    def add_scan(
+        self,
+        stamp_ns: int,
+        points: NDArray[np.floating[Any]],
+        point_times: Floats | None = None,
+        came_s: float | None = None,
+    ) -> Answer:
         """Tracks a scan, given by its stamp in nanoseconds and its points (N, 3) in metres in the sensor frame.
 
         `point_times` (N,) are the seconds after the stamp at which the points were measured; without them the setting
-        `tracking.point_times` counts. Raises UserError as `SceneGraphSlam.add_scan` does, and if the other process has
+        `tracking.point_times` counts. `came_s` is when the scan came, by `time.perf_counter`, where that was before the
+        call. Raises UserError as `SceneGraphSlam.add_scan` does, and if the other process has
         ended.
         """
-        began = perf_counter()
-        self._T_odom_sensor, self._health = self._newest(self._side.add_scan(stamp_ns, points, point_times))
-        answer = self._answer(int(stamp_ns), self._map.state, perf_counter() - began)
-        self._latencies.add(answer.seconds, answer.waiting)
+        began = perf_counter() if came_s is None else came_s
+        T_odom_sensor, health = self._newest(self._side.add_scan(stamp_ns, points, point_times))
+        known, part = self._map.state, self._side.tracking.part
+        if known.part != part:  # that map is of the frame `odom` before
+            known = MapState(map_stamp_ns=known.map_stamp_ns, keyframes=known.keyframes)
+        answer = Answer(
+            stamp_ns=int(stamp_ns),
+            T_odom_sensor=T_odom_sensor,
+            T_map_odom=known.T_map_odom,
+            T_bim_map=known.T_bim_map,
+            health=health,
+            anchors=known.anchors,
+            map_stamp_ns=known.map_stamp_ns,
+            part=part,
+            keyframes=known.keyframes,
+            waiting=self._map.waiting,
+            seconds=perf_counter() - began,
+            place=known.place,
+        )
+        self._seconds.append(answer.seconds)
+        self._most_waiting = max(self._most_waiting, answer.waiting)
         return answer
 
     def add_imu(self, stamp_ns: int | NDArray[np.int64], gyro: Floats, accel: Floats) -> None:
@@ -198,15 +203,14 @@ class LiveSlam:
         self,
         skipped: Sequence[SkippedScan] = (),
         remarks: Sequence[str] = (),
-        measured: dict[str, Any] | None = None,
     ) -> dict[str, Any]:
         """Completes the map and writes the results to the folder, as a run does; returns the content of metrics.json.
 
-        `skipped` and `remarks` are what the source reports about its scans, `measured` is added to metrics.json. Waits
-        for all scans. Raises UserError if no scan was added, or if the other process has ended.
+        `skipped` and `remarks` are what the source reports about its scans. Waits for all scans. Raises UserError if no
+        scan was added, or if the other process has ended.
         """
         self._is_open = False
-        live = {"live": {**self._latencies.to_dict(), **(measured or {})}}
+        live = {"live": {**latencies(self._seconds), "most_waiting": self._most_waiting}}
         try:
             return self._side.finish(skipped=skipped, remarks=remarks, measured=live)
         finally:
@@ -233,11 +237,3 @@ class LiveSlam:
         if (held := self._side.tracking.held) is not None:
             return held.T_odom_sensor, "lost"
         return scans[-1].T_odom_sensor, scans[-1].health
-
-    def _answer(self, stamp_ns: int, known: MapState, seconds: float) -> Answer:
-        part = self._side.tracking.part
-        if known.part != part:  # that map is of the frame `odom` before
-            known = MapState(map_stamp_ns=known.map_stamp_ns, keyframes=known.keyframes)
-        mapped = (known.map_stamp_ns, part, known.keyframes)
-        poses = (self._T_odom_sensor, known.T_map_odom, known.T_bim_map)
-        return Answer(stamp_ns, *poses, self._health, known.anchors, *mapped, self._map.waiting, seconds, known.place)

@@ -10,7 +10,7 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from time import perf_counter
 from typing import Any, TextIO
 
@@ -19,12 +19,10 @@ from data.scans import Scan
 from data.streams import Arrival, ScanStream
 from sgslam.cli.options import Triple
 from sgslam.cli.processes.mapping_process import HeldAnchor
-from sgslam.live.live_slam import Answer, Latencies, LiveSlam
+from sgslam.live.live_slam import Answer, LiveSlam
 from sgslam.perception.scan_checks import in_metres_and_sensor_frame
 
-_AHEAD = 8  # scans read ahead where they come faster than they are tracked
 _FORM = "initialpose X Y YAW (m, m, rad)"
-_LOOK = 0.1  # s between two looks whether the end was asked for
 
 
 def read_pose(line: str) -> Triple | None:
@@ -64,10 +62,7 @@ class PoseLines:
 
 @dataclass
 class LiveLoop:
-    """Adds the scans of a stream until it ends, none has come for `idle` seconds, or `is_over` says so.
-
-    `latencies` are those from a scan's arrival to its line.
-    """
+    """Adds the scans of a stream until it ends, none has come for `idle` seconds, or `is_over` says so."""
 
     live: LiveSlam
     stream: ScanStream
@@ -75,10 +70,10 @@ class LiveLoop:
     poses: PoseLines | None
     idle: float | None
     is_over: Callable[[], bool]
-    latencies: Latencies = field(default_factory=Latencies)
     _anchors: tuple[HeldAnchor, ...] = ()
     _told_skipped: int = 0
     _came_s: float = 0.0
+    _answers: int = 0
 
     def run(self) -> str | None:
         """Returns the reason if the source ended it by a fault, after some scans. Raises UserError before the first."""
@@ -88,7 +83,7 @@ class LiveLoop:
         except BrokenPipeError:  # no one reads the lines any more
             os.dup2(os.open(os.devnull, os.O_WRONLY), self.out.fileno())  # else Python complains at its end
         except UserError as error:
-            if not self.latencies.answers:
+            if not self._answers:
                 raise
             return str(error)
         finally:
@@ -99,15 +94,13 @@ class LiveLoop:
         pose = None if self.poses is None else self.poses.newest()
         if pose is not None:
             self.live.set_start(*pose)
-        answer = self.live.add_scan(scan.stamp_ns, scan.points, scan.point_times)
-        line = self._line(scan, answer)
-        self.latencies.add(perf_counter() - self._came_s, answer.waiting)
-        print(json.dumps(line), file=self.out, flush=True)
+        answer = self.live.add_scan(scan.stamp_ns, scan.points, scan.point_times, came_s=self._came_s)
+        self._answers += 1
+        print(json.dumps(self._line(scan, answer)), file=self.out, flush=True)
 
     def _line(self, scan: Scan, answer: Answer) -> dict[str, Any]:
         """With the anchors where they have changed, and scans that were skipped."""
         line: dict[str, Any] = {"scan": scan.index, **answer.to_dict()}
-        line["since_arrival"] = round(perf_counter() - self._came_s, 4)
         if answer.anchors != self._anchors:
             self._anchors = answer.anchors
             line["anchors"] = [{"wall": a.wall, "a_id": a.a_id, "state": a.state} for a in answer.anchors]
@@ -118,12 +111,12 @@ class LiveLoop:
 
     def _scans(self) -> Iterator[Scan]:
         """The scans, read by another thread."""
-        arrivals: queue.Queue[Arrival | Exception | None] = queue.Queue(_AHEAD)
+        arrivals: queue.Queue[Arrival | Exception | None] = queue.Queue(8)  # read ahead where they come quickly
         threading.Thread(target=_read, args=(self.stream, arrivals), daemon=True).start()
         last_s = perf_counter()
         while not self.is_over():
             with contextlib.suppress(queue.Empty):
-                arrival = arrivals.get(timeout=_LOOK)
+                arrival = arrivals.get(timeout=0.1)  # then looks whether the end was asked for
                 if arrival is None:
                     return
                 if isinstance(arrival, Exception):

@@ -8,7 +8,6 @@ directions, and neither pass may see through the other's walls. For large correc
 
 import logging
 from dataclasses import dataclass
-from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from sgslam.config.loop_settings import LoopSettings
 from sgslam.geometry.frames import angle_of, inverse, transform_points
 from sgslam.loops.pass_alignment import INLIER, SeenSpace, Submap, covariance_of, level_frame, register, search
-from sgslam.mapping import Closure, KeyframeNode, WallMap
+from sgslam.mapping import Closure, KeyframeClouds, KeyframeNode, WallMap
 
 Floats = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -32,19 +31,13 @@ _AGREE = 0.1, 0.015  # m and rad between two closures that agree, besides the dr
 _SIGMA = np.array([0.004] * 3 + [0.02] * 3)  # rad and m, of a closure: the map within a pass errs too
 
 
-class Clouds(Protocol):
-    """Points (N, 3) of keyframes by number, each in its sensor frame."""
-
-    def __getitem__(self, keyframe: int) -> NDArray[np.float32]: ...
-
-
 @dataclass(frozen=True)
 class _Map:
     """The present map: T_level_sensor (K, 4, 4) of all keyframes in the levelled map, places (K, 2), metres driven
     (K,), and whether each is on the present floor (K,)."""
 
     keyframes: list[KeyframeNode]
-    clouds: Clouds
+    clouds: KeyframeClouds
     T_level_sensor: Floats
     places: Floats
     way: Floats
@@ -71,11 +64,12 @@ class LoopCloser:
     def __init__(self, settings: LoopSettings, closures: list[Closure] | None = None, looked: int = 0) -> None:
         self._settings = settings
         self.closures = [] if closures is None else closures
-        self.withdrawn: list[tuple[Closure, str]] = []  # closures that were removed, and why
         self._pending: list[Closure] = []
         self._looked, self._last_way = looked, -np.inf  # keyframes processed; way at the last search
 
-    def look(self, keyframes: list[KeyframeNode], storey: int, T_level_map: Floats, clouds: Clouds) -> list[Closure]:
+    def look(
+        self, keyframes: list[KeyframeNode], storey: int, T_level_map: Floats, clouds: KeyframeClouds
+    ) -> list[Closure]:
         """Returns the closures accepted on one floor since the last call; T_level_map (4, 4) levels the map."""
         began, self._looked = self._looked, len(keyframes)
         if not self._settings.enabled or len(keyframes) < 3:
@@ -107,28 +101,17 @@ class LoopCloser:
                 later, earlier = np.flatnonzero(before < _SUBMAP), np.flatnonzero(before > self._settings.gap)
                 walls.part(set(later.tolist()), set(earlier.tolist()))
 
-    def contradicted(self, keyframes: list[KeyframeNode]) -> list[tuple[Closure, str]]:
-        """Removes the closures that the optimum contradicts; returns each with the reason."""
+    def contradicted(self, keyframes: list[KeyframeNode]) -> list[Closure]:
+        """Removes the closures that the optimum contradicts, and returns them."""
         gone = []
         for closure in self.closures:
             T = inverse(keyframes[closure.earlier].T_map_sensor) @ keyframes[closure.later].T_map_sensor
             off = float(np.linalg.norm((inverse(closure.T_earlier_later) @ T)[:3, 3]))
             if off > _ALONE[0]:
-                gone.append((closure, f"after the optimisation, its residual is {off:.2f} m"))
-        lost = {id(closure) for closure, _ in gone}
-        self.closures[:] = [closure for closure in self.closures if id(closure) not in lost]
-        self.withdrawn += gone
+                gone.append(closure)
+                _log.info("loop opened: after the optimisation, its residual is %.2f m", off)
+        self.closures[:] = [own for own in self.closures if all(own is not other for other in gone)]
         return gone
-
-    def state(self) -> dict[str, Any]:
-        """Returns the state without `closures`, as a tree (see `state_tree`)."""
-        of = {"withdrawn": list(self.withdrawn), "pending": list(self._pending)}
-        return {**of, "looked": self._looked, "last_way": self._last_way}
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Restores what `state` returned."""
-        self._pending, self.withdrawn = state["pending"], state["withdrawn"]
-        self._looked, self._last_way = state["looked"], state["last_way"]
 
     def _places(self, known: _Map, new: Index) -> list[int]:
         """The keyframes to search for now: spread over the way, the newest first."""

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from sgslam.config import FloorSettings
 from sgslam.mapping.floors import FloorMap, Floors
-from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
 _LEFT = 0.6  # m of height by which a floor is left; more than a raised floor and a hand's sway
@@ -29,14 +28,12 @@ class Arrival:
     drift: float = 0.0
 
 
-class FloorTransition(Stateful):
+class FloorTransition:
     """Follows the height of the ground under the sensor above its floor.
 
     `active`: between two floors. `ground` (m): height of the ground under the robot above its floor, on steps or ramps.
     `height` (m): the sensor's above the ground; a guess until a floor was seen.
     """
-
-    _STATE = ("active", "ground", "height", "_way", "_lowest", "_highest")
 
     def __init__(self, settings: FloorSettings, height: float) -> None:
         self._settings, self.height = settings, height

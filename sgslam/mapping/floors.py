@@ -1,7 +1,6 @@
 """The floors of a run: walls and scene of each, and the S-graph of all floors."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,33 +67,6 @@ class Floors:
         self.register, self.level_register = WallRegister(), LevelRegister()
         self.maps: list[FloorMap] = []
         self.current = self.begin()
-
-    def state(self) -> dict[str, Any]:
-        """Returns the state as a tree (see `state_tree`)."""
-        return {
-            "register": self.register.state(), "level_register": self.level_register.state(),
-            "current": self.current.number,
-            "maps": [
-                {
-                    "walls": floor.walls.state(), "levels": floor.levels.state(), "scene": floor.scene,
-                    "plane_in_map": floor.plane_in_map, "sensor_height": floor.sensor_height,
-                }
-                for floor in self.maps
-            ],
-        }  # fmt: skip
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Restores what `state` returned."""
-        self.maps.clear()
-        for of_floor in state["maps"]:
-            floor = self.begin()
-            floor.walls.restore(of_floor["walls"])
-            floor.levels.restore(of_floor["levels"])
-            floor.scene, floor.plane_in_map = of_floor["scene"], of_floor["plane_in_map"]
-            floor.sensor_height = of_floor["sensor_height"]
-        self.register.restore(state["register"])
-        self.level_register.restore(state["level_register"])
-        self.current = self.maps[state["current"]]
 
     def begin(self) -> FloorMap:
         """Adds a floor and makes it the current one."""

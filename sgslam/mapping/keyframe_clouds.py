@@ -36,6 +36,14 @@ class KeyframeClouds:
         os.write(self._file.fileno(), _MAGIC)
         self._end = len(_MAGIC)
 
+    def __getstate__(self) -> dict[str, float]:
+        """Without the points: these stay where they are."""
+        return {"voxel": self.voxel}
+
+    def __setstate__(self, state: dict[str, float]) -> None:
+        """Clouds without points."""
+        KeyframeClouds.__init__(self, voxel=state["voxel"])
+
     def _begin(self, file: BinaryIO) -> None:
         self._file = file
         self._places: dict[int, tuple[int, int]] = {}  # keyframe: offset in the file, number of points
@@ -85,6 +93,11 @@ class KeyframeClouds:
             return
         self._places[keyframe] = self._end + _RECORD.size, len(kept)
         self._end += len(record)
+
+    def take(self, other: "KeyframeClouds", first: int = 0) -> None:
+        """Adds those of another map, whose keyframes are numbered from `first` on here."""
+        for keyframe in other:
+            self.add(first + keyframe, other[keyframe])
 
     def make_room(self) -> None:
         """Drops all clouds to free disk space for more important files."""

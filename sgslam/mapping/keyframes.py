@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from sgslam.config import KeyframeSettings, OdometrySettings
 from sgslam.geometry.frames import inverse
-from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
 SMOOTHED = 0.6  # times a step's standard deviations after a second pass; measured 0.4 to 0.9 in 16 drives
@@ -44,10 +43,8 @@ def _default_step(settings: OdometrySettings) -> Floats:
     return np.diag(np.repeat([settings.sigma_rotation, settings.sigma_translation], 3) ** 2)
 
 
-class KeyframeRule(Stateful):
+class KeyframeRule:
     """Takes a keyframe by distance, angle, or number of scans."""
-
-    _STATE = ("_last", "_scans", "_stood")
 
     def __init__(self, settings: KeyframeSettings) -> None:
         self._settings = settings

@@ -9,7 +9,6 @@ from sgslam.config import LevelSettings
 from sgslam.geometry.frames import transform_planes, transform_points
 from sgslam.perception import LevelObservation
 from sgslam.perception.level_extraction import CELL, middles_of_cells
-from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
 _REACH = 3.0  # m between two places of one ceiling: the height may differ from room to room
@@ -30,10 +29,8 @@ class SeenLevel:
     sigma_offset: float
 
 
-class LevelRegister(Stateful):
+class LevelRegister:
     """The numbering that the level maps of all floors share: `levels` is the count of numbered ones."""
-
-    _STATE = ("levels",)
 
     def __init__(self) -> None:
         self.levels = 0
@@ -56,14 +53,12 @@ class Levels:
     is_floor: NDArray[np.bool_]
 
 
-class LevelMap(Stateful):
+class LevelMap:
     """The observations `seen` of level surfaces on one storey, and the surfaces that they belong to.
 
     `planes_in_map` are the present estimates (4,) by number; `drift` (m) is what the map's height may have drifted
     since this storey's floor was last seen.
     """
-
-    _STATE = ("seen", "planes_in_map", "drift", "_places", "_floors")
 
     def __init__(self, settings: LevelSettings, register: LevelRegister) -> None:
         self._settings, self._register = settings, register

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from sgslam.config import SurfaceSettings
 from sgslam.geometry.frames import transform_planes, transform_points
 from sgslam.perception import WallObservation
-from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
 _GAP = 1.0  # m along, between a piece and the wall that it is of
@@ -32,13 +31,11 @@ class SeenWall:
     sigma_offset: float
 
 
-class WallRegister(Stateful):
+class WallRegister:
     """The numbering that the wall maps of all floors share.
 
     `order` is the floor of each observation in the order in which they were made, `walls` the count of numbered walls.
     """
-
-    _STATE = ("order", "walls")
 
     def __init__(self) -> None:
         self.order: list[int] = []
@@ -70,17 +67,12 @@ class Lines:
         return points @ self.normal.T + self.offset
 
 
-class WallMap(Stateful):
+class WallMap:
     """The wall observations of floor `storey` and the walls that they belong to.
 
     `register` is shared by all floors. `T_level_map` (4, 4) levels the map: z up, the floor at z = 0. `planes_in_map`
     are the back end's planes (4,) by wall number.
     """
-
-    _STATE = (
-        "seen", "planes_in_map", "T_level_map", "_extent", "_intervals", "_across", "_along", "_joined_into",
-        "_lines",
-    )  # fmt: skip
 
     def __init__(self, settings: SurfaceSettings, register: WallRegister | None = None, storey: int = 0) -> None:
         self._settings = settings

@@ -1,6 +1,6 @@
 """The protocol of an odometry of others, which gives a pose for each scan, and what the adapters of them share."""
 
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,6 @@ from sgslam.registration.sampling import SHORTEST
 from sgslam.types import Motion
 
 Floats = NDArray[np.float64]
-State = dict[str, Any]
 SCAN_S = 0.1  # how long most sensors take for a scan
 LEAST = 20  # points that a registration by others needs
 GAP_NS = NS  # a longer step between two poses does not tell how the sensor moved within it
@@ -20,20 +19,12 @@ GAP_NS = NS  # a longer step between two poses does not tell how the sensor move
 class Odometry(Protocol):
     """Anything that locates the sensor scan by scan, in one frame. The stamps increase, and no scan comes twice.
 
-    A run takes its poses as it takes those of a file: see `GivenMotion`.
+    A run takes its poses as it takes those of a file: see `GivenMotion`. The state of a run holds one that pickles.
     """
 
     def locate(self, stamp_ns: int, points: Floats, point_times: Floats | None = None) -> Floats:
         """T_odom_sensor (4, 4) at the stamp of a scan, of its points (N, 3), N >= 1, in the sensor frame, measured
         `point_times` (N,) seconds after the stamp (None if unknown)."""
-        ...
-
-    def state(self) -> dict[str, Any]:
-        """Returns the state as a tree; another instance with the same settings continues identically."""
-        ...
-
-    def restore(self, state: State) -> None:
-        """Restores what `state` returned."""
         ...
 
 

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from sgslam.config import ImuSettings, TrackingSettings
 from sgslam.geometry.frames import inverse, transform_points
 from sgslam.inertial import Changes, ImuBuffer, MeasuredMotion
-from sgslam.odometry.base import State
 from sgslam.odometry.given_motion import GivenMotion
 from sgslam.odometry.prediction import USUAL_S, Course, predicted, unobserved
 from sgslam.registration.beliefs import Belief, MotionModel
@@ -264,16 +263,3 @@ class ContinuousTimeOdometry:
         """Adds a scan to the map."""
         seen = placed(scan.points, scan.seconds, scan.knot_seconds, knots)
         self._map.add(*seen, self._course.way, self._settings.local_map)
-
-    def state(self) -> dict[str, Any]:
-        """Returns the state as a tree; another instance with the same settings continues identically."""
-        parts = {"map": self._map.state(), "imu": self._imu.state()}
-        return parts | {"course": dict(vars(self._course)), "up": self._model.up}
-
-    def restore(self, state: State) -> None:
-        """Restores what `state` returned."""
-        self._map.restore(state["map"])
-        self._imu.restore(state["imu"])
-        self._course = Course(**state["course"])
-        if state["up"].any():
-            self._model.level(state["up"])

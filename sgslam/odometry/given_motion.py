@@ -13,7 +13,6 @@ from sgslam.geometry.frames import inverse, squared_up
 from sgslam.inertial import Steps
 from sgslam.odometry.base import GAP_NS, SCAN_S, steady_motion
 from sgslam.registration.motion_prior import moved_on, velocity_between
-from sgslam.serialization import Stateful
 from sgslam.types import Registration
 
 Floats = NDArray[np.float64]
@@ -24,7 +23,7 @@ _LEAST = 1e-6  # of the usual variance, the least that is believed
 _EXACT = 1e-8  # rad2 and m2, of a pose that is taken as it is; what its steps err is for the map to say
 
 
-class GivenMotion(Stateful):
+class GivenMotion:
     """The newest given poses; between two of them the motion is taken as steady.
 
     Only the motion counts, not where the poses are: a drift of metres does not matter. A step is an outlier if its
@@ -32,8 +31,6 @@ class GivenMotion(Stateful):
     where the poses go on from elsewhere, that step alone is one. The motion goes on steadily in its place, and the
     frame is that of the poses before. Times are in seconds after a stamp `first_ns`.
     """
-
-    _STATE = ("_stamps_ns", "_poses", "_variances", "_T_first_given", "_velocity", "_step", "_is_outlier", "_warned")
 
     def __init__(self, settings: OdometrySettings) -> None:
         self._usual = np.array([settings.given_sigma_rotation, settings.given_sigma_translation]) ** 2

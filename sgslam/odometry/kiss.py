@@ -4,13 +4,13 @@ from typing import Any
 
 import numpy as np
 from kiss_icp.config import KISSConfig
-from kiss_icp.config.config import DataConfig, MappingConfig, RegistrationConfig
+from kiss_icp.config.config import AdaptiveThresholdConfig, DataConfig, MappingConfig, RegistrationConfig
 from kiss_icp.kiss_icp import KissICP
 from numpy.typing import NDArray
 
 from sgslam.config import OdometrySettings, TrackingSettings
 from sgslam.geometry.frames import angle_of, squared_up
-from sgslam.odometry.base import LEAST, State, at_stamp, end_of, is_snapshot, seconds_since
+from sgslam.odometry.base import LEAST, at_stamp, end_of, is_snapshot, seconds_since
 
 Floats = NDArray[np.float64]
 _POINTS_PER_VOXEL = 1  # of the local map; of the least error in two drives, with the setting's voxels
@@ -21,15 +21,19 @@ class KissOdometry:
     the newest scan, to which KISS-ICP undistorts it."""
 
     def __init__(self, settings: OdometrySettings, tracking: TrackingSettings) -> None:
-        data = DataConfig(max_range=tracking.max_range, min_range=tracking.min_range)
-        mapping = MappingConfig(voxel_size=settings.voxel_size, max_points_per_voxel=_POINTS_PER_VOXEL)
-        registration = RegistrationConfig(max_num_threads=1)
-        self._kiss = KissICP(KISSConfig(data=data, mapping=mapping, registration=registration))
-        adaptive = self._kiss.config.adaptive_threshold
+        adaptive = AdaptiveThresholdConfig()
         self._threshold = _Threshold(adaptive.initial_threshold, adaptive.min_motion_th, tracking.max_range)
-        self._kiss.adaptive_threshold = self._threshold
+        self._settings, self._tracking = settings, tracking
+        self._kiss = self._made()
         self.T_odom_end = np.eye(4)
         self._ended_ns: int | None = None
+
+    def _made(self) -> KissICP:
+        data = DataConfig(max_range=self._tracking.max_range, min_range=self._tracking.min_range)
+        mapping = MappingConfig(voxel_size=self._settings.voxel_size, max_points_per_voxel=_POINTS_PER_VOXEL)
+        made = KissICP(KISSConfig(data=data, mapping=mapping, registration=RegistrationConfig(max_num_threads=1)))
+        made.adaptive_threshold = self._threshold
+        return made
 
     def locate(self, stamp_ns: int, points: Floats, point_times: Floats | None = None) -> Floats:
         """See `Odometry.locate`."""
@@ -42,22 +46,19 @@ class KissOdometry:
         before_ns, self._ended_ns = self._ended_ns, stamp_ns + round(end * 1e9)
         return at_stamp(before, self.T_odom_end, seconds_since(before_ns, self._ended_ns), end)
 
-    def state(self) -> dict[str, Any]:
-        """See `Odometry.state`."""
+    def __getstate__(self) -> dict[str, Any]:
+        """The attributes, with what KISS-ICP holds in place of itself."""
         kiss = self._kiss
-        return {
-            "map_points": kiss.local_map.point_cloud().reshape(-1, 3), "ended_ns": self._ended_ns,
-            "pose": kiss.last_pose, "step": kiss.last_delta, "threshold": [self._threshold.sum, self._threshold.count],
-        }  # fmt: skip
+        held = kiss.local_map.point_cloud().reshape(-1, 3), kiss.last_pose, kiss.last_delta
+        return {**vars(self), "_kiss": held}
 
-    def restore(self, state: State) -> None:
-        """See `Odometry.restore`."""
-        kiss = self._kiss
-        kiss.local_map.clear()
-        kiss.local_map.add_points(np.ascontiguousarray(state["map_points"]))
-        kiss.last_pose, kiss.last_delta, self._ended_ns = state["pose"], state["step"], state["ended_ns"]
-        self.T_odom_end = squared_up(kiss.last_pose)
-        self._threshold.sum, self._threshold.count = state["threshold"]
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Makes KISS-ICP again."""
+        vars(self).update(state)
+        points, last_pose, last_delta = state["_kiss"]
+        self._kiss = self._made()
+        self._kiss.local_map.add_points(np.ascontiguousarray(points))
+        self._kiss.last_pose, self._kiss.last_delta = last_pose, last_delta
 
 
 class _Threshold:

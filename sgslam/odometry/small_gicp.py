@@ -8,10 +8,9 @@ from small_gicp import align, preprocess_points
 
 from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import angle_of, inverse, squared_up
-from sgslam.odometry.base import LEAST, State, at_stamp, end_of, is_snapshot, seconds_since, steady_motion
+from sgslam.odometry.base import LEAST, at_stamp, end_of, is_snapshot, seconds_since, steady_motion
 from sgslam.registration.motion_prior import moved_on, velocity_between
 from sgslam.registration.points import placed
-from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
 # of the least error in two drives, of 24 settings
@@ -21,14 +20,12 @@ _SCANS = 15  # of the local map
 _ROUNDS = 3  # of undistorting; a scan undistorted by the step before it, and only once, diverges
 
 
-class SmallGicpOdometry(Stateful):
+class SmallGicpOdometry:
     """Runs on one thread, so that the same input gives the same output. The motion is steady from scan to scan.
 
     `T_odom_end` (4, 4) is the pose at the end of the newest scan, to which it is undistorted by the step that is found.
     With all scans in the local map, a standing robot would fill it with noise.
     """
-
-    _STATE = ("T_odom_end", "_velocity", "_ended_ns", "_window")
 
     def __init__(self, tracking: TrackingSettings) -> None:
         self._tracking = tracking
@@ -75,7 +72,6 @@ class SmallGicpOdometry(Stateful):
             self._window = [*self._window, (T, points @ T[:3, :3].T + T[:3, 3])][-_SCANS:]
             self._target = None
 
-    def restore(self, state: State) -> None:
-        """See `Odometry.restore`."""
-        super().restore(state)
-        self._target = None
+    def __getstate__(self) -> dict[str, Any]:
+        """The attributes, without what is made when needed."""
+        return {**vars(self), "_target": None}

@@ -1,24 +1,25 @@
 """Finds out by registration whether scans without point times are snapshots or rolling, one point after another."""
 
 import logging
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from data.scans.point_times import BEFORE_STAMP, Stamped
+from data.scans.point_times import BEFORE_STAMP
+from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import inverse, squared_up
-from sgslam.odometry.base import SCAN_S, State
+from sgslam.inertial import ImuBuffer, MeasuredMotion
+from sgslam.odometry.base import SCAN_S
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
+from sgslam.odometry.given_motion import GivenMotion
 from sgslam.perception.point_times import Rule, even_times, guessed_times
 from sgslam.registration.motion_prior import velocity_between
 from sgslam.types import Motion, Registration
 
 Floats = NDArray[np.float64]
 Kind = Literal["snapshot", "order"]
-Kinds = Literal["auto", "snapshot", "order"]
 _log = logging.getLogger(__name__)
 _MOVING, _TURNING = 0.3, 0.3  # m/s and rad/s; slower, a scan looks alike either way
 _MOST = 0.3  # evidence of one scan: the scans after it are not independent
@@ -34,15 +35,16 @@ class TimedOdometry:
     Where they are not given, two odometries run side by side until the motion decides: one takes scans as snapshots,
     one with times guessed from the order of their points. The right one finds more points, nearer to its surfaces.
     Poses are those of the better one so far, and do not jump when that changes; but while results are held back, they
-    are all replaced by those of the other one. All points of a snapshot are of the instant `stamped`.
+    are all replaced by those of the other one. All points of a snapshot are of the instant that its stamp names.
     """
 
     def __init__(
-        self, make: Callable[[], ContinuousTimeOdometry], point_times: Kinds, stamped: Stamped = "auto"
+        self, settings: TrackingSettings, imu: ImuBuffer | None = None, given: GivenMotion | None = None
     ) -> None:
-        self._make, self._before_stamp = make, BEFORE_STAMP[stamped]
-        kinds: tuple[Kind, ...] = ("snapshot", "order") if point_times == "auto" else (point_times,)
-        self._odometries = {kind: make() for kind in kinds}
+        self._before_stamp, times = BEFORE_STAMP[settings.stamp], settings.point_times
+        kinds: tuple[Kind, ...] = ("snapshot", "order") if times == "auto" else (times,)
+        motions = {kind: None if imu is None else MeasuredMotion(imu) for kind in kinds}
+        self._odometries = {kind: ContinuousTimeOdometry(settings, motions[kind], given) for kind in kinds}
         self._best: Kind = kinds[0]
         self._evidence = 0.0  # for guessed times; natural logarithm
         self._without_order = 0  # scans, less those whose points' order tells their times
@@ -161,25 +163,6 @@ class TimedOdometry:
         self._odometries = {kind: self._odometries[kind]}
         what = "measured one after another, in their order" if kind == "order" else "measured at one instant"
         _log.info("the points of the scans have no times; they are taken as %s", what)
-
-    def state(self) -> dict[str, Any]:
-        """See `ContinuousTimeOdometry.state`."""
-        return {
-            "odometries": {kind: odometry.state() for kind, odometry in self._odometries.items()}, "best": self._best,
-            "evidence": self._evidence, "without_order": self._without_order, "last": dict(self._last),
-            "last_ns": self._last_ns, "duration_s": self._duration_s, "rule": self._rule,
-            "shift": self._shift, "held": self._held,
-        }  # fmt: skip
-
-    def restore(self, state: State) -> None:
-        """See `ContinuousTimeOdometry.restore`."""
-        self._odometries = {kind: self._make() for kind in state["odometries"]}
-        for kind, odometry in self._odometries.items():
-            odometry.restore(state["odometries"][kind])
-        self._best, self._evidence, self._without_order = state["best"], state["evidence"], state["without_order"]
-        self._last, self._last_ns = dict(state["last"]), state["last_ns"]
-        self._duration_s, self._rule, self._shift = state["duration_s"], state["rule"], state["shift"]
-        self._held = state["held"]
 
 
 def _exceeds(velocity: Floats, speed: float, turn_rate: float) -> bool:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from data.scene_graph import Floor, Room, SceneGraph, WallSurface
 from data.trajectory import Trajectory
 from sgslam.geometry.frames import se2_to_se3
-from sgslam.session.soundness.scan_uncertainty import ScanStates
+from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
 
 Array = NDArray[np.float64]
 ENTERED_M = 1.0  # path length in a room from which on it counts as entered, not just looked into
@@ -38,7 +38,7 @@ class ReportData:
     matches: Mapping[str, Any] | None
     metrics: dict[str, Any]
     deviations: Sequence[Mapping[str, Any]]
-    scans: ScanStates | None = None
+    scans: ScanUncertainty | None = None
     anchors: Sequence[Mapping[str, Any]] = ()
     placed: bool = True
     elements: Sequence[Mapping[str, Any]] = ()

@@ -65,7 +65,7 @@ def uncertainty_band(data: ReportData, T_plan_map: Array) -> list[Array]:
     if data.T_bim_map is None or data.scans is None or not len(data.trajectory_map):
         return []
     points, chosen, state = _vertices(data, T_plan_map)
-    sigma = np.fmax.reduceat(data.scans.sigma, chosen)
+    sigma = np.fmax.reduceat(data.scans.sigma[:, :2], chosen)
     state = np.where(np.isfinite(sigma).all(axis=1), state, _LOST)
     angles = np.linspace(0.0, 2 * np.pi, _CORNERS, endpoint=False)
     circle = np.column_stack([np.cos(angles), np.sin(angles)])

@@ -20,7 +20,6 @@ from sgslam.session.active_map import ActiveMap
 from sgslam.session.place_report import PlaceReport
 from sgslam.session.prior_map import PriorMap
 from sgslam.session.scan_poses import RunPoses, ScanPose, at_stamps, newest_run, odometry_begins, odometry_of
-from sgslam.session.soundness.free_space import share_looked_through
 from sgslam.session.soundness.quality import Quality, at_least, contradiction, placed_signals, quality_of
 from sgslam.session.soundness.scan_uncertainty import (
     ScanUncertainty,
@@ -28,8 +27,7 @@ from sgslam.session.soundness.scan_uncertainty import (
     what_is_not_anchored,
     why_none_is_anchored,
 )
-from sgslam.session.soundness.standing_walls import standing_walls
-from sgslam.session.soundness.unit_advice import feet_advice
+from sgslam.session.soundness.standing_walls import share_looked_through, standing_walls
 from sgslam.types import NO_PLAN, Relocalisation
 
 if TYPE_CHECKING:
@@ -72,7 +70,7 @@ def assemble_result(
     in_bim = known if T_bim_map is not None else None
     states = ScanUncertainty.joined([place.own, *_apart(unplaced, config)])
     if T_bim_map is None:
-        advice = [*advice, *_not_anchored_advice(floors, run, bim, matches, reason), *_nearly_sure(place.place, config)]
+        advice = [*advice, *_what_helps(matches, reason), *_nearly_sure(place.place, config)]
         apart = int((states.part > 0).sum())
         if apart and anchoring is not None:
             reason = f"{reason}; the map has several parts: {apart} of {len(states.part)} scans are not in the first"
@@ -125,23 +123,23 @@ def _judged(
 ) -> _Judged:
     """The place that was found, unless no scan is known well enough there, or the map is probably not sound."""
     anchoring, T_bim_map = None if final.plan_is_prior else final.anchoring, final.T_bim_map
-    own = _uncertainty(final, run, known, T_bim_map, config)
+    own = scan_uncertainty(final, run.begin, known, T_bim_map, config)
     quality = _quality(final, run, own, config)
     if anchoring is None:
         return _Judged(T_bim_map, NO_PLAN, own, quality, None)
     posterior, refused = anchoring.posterior, None
     if T_bim_map is None or standing is None:
-        return _Judged(None, anchoring.reason, own, quality, PlaceReport.of(posterior))
+        return _Judged(None, anchoring.reason, own, quality, PlaceReport(posterior))
     begins, through = odometry_begins(run.scans), _through_walls(final, run, T_bim_map, standing)
     signals = placed_signals(quality, run.in_map, begins, own, T_bim_map, standing, through)
     sound = shipped().judged(signals)
-    place = PlaceReport.of(posterior, sound, signals, T_bim_map)
+    place = PlaceReport(posterior, sound, signals, T_bim_map)
     if not own.anchored.any():
-        refused = why_none_is_anchored(own, config.quality, place=1.0)
+        refused = why_none_is_anchored(own, config.quality)
     else:
         refused = contradiction(place.probability, sound, signals, config.anchors.withdraw)
     if refused:
-        own = _uncertainty(final, run, known, None, config)
+        own = scan_uncertainty(final, run.begin, known, None, config)
         return _Judged(None, refused, own, _quality(final, run, own, config), place)
     quality["place_probability"] = at_least(place.probability, config.quality.place_probability)
     return _Judged(T_bim_map, anchoring.reason, own, quality, place)
@@ -154,27 +152,13 @@ def _through_walls(final: ActiveMap, run: RunPoses, T_bim_map: Floats, standing:
     return share_looked_through(poses, own, final.clouds, standing)
 
 
-def _uncertainty(
-    final: ActiveMap, run: RunPoses, known: Uncertainty | None, T_bim_map: Floats | None, config: Config
-) -> ScanUncertainty:
-    """Of the scans in the map, along the axes of the building where T_bim_map (4, 4) is known, else of the map."""
-    R_frame_map = np.eye(3) if T_bim_map is None else T_bim_map[:3, :3]
-    newest = slice(run.begin, len(final.scans))
-    return scan_uncertainty(
-        final.scans, newest, final.backend, known, R_frame_map, config, 0, float(T_bim_map is not None)
-    )  # fmt: skip
-
-
-def _not_anchored_advice(
-    floors: Floors, run: RunPoses, bim: SceneGraph | None, matches: "MatchesFile | None", reason: str
-) -> list[str]:
-    """Warnings: scans that seem to be in feet (what fits the plan is in metres), and what helps where the matcher's
-    answer is the `reason`; other reasons say it themselves."""
-    helps = _HELPS.get(matches["status"]) if matches is not None and matches["reason"] == reason else None
-    advice = [line for line in (feet_advice(floors, run.with_unplaced, bim), helps) if line is not None]
-    for line in advice:
-        _log.warning("%s", line)
-    return advice
+def _what_helps(matches: "MatchesFile | None", reason: str) -> list[str]:
+    """A warning of what helps, where the matcher's answer is the `reason`; other reasons say it themselves."""
+    if matches is None or matches["reason"] != reason or matches["status"] not in _HELPS:
+        return []
+    line = _HELPS[matches["status"]]
+    _log.warning("%s", line)
+    return [line]
 
 
 def _nearly_sure(place: PlaceReport | None, config: Config) -> list[str]:
@@ -211,11 +195,9 @@ def _live(scans: list[ScanPose], states: ScanUncertainty, T_bim_map: Floats | No
 def _apart(unplaced: list[PriorMap], config: Config) -> list[ScanUncertainty]:
     """The scans of the submaps that were not relocalised, each in its own frame."""
     return [
-        scan_uncertainty(
-            part.scans, slice(None), part.backend, part.backend.uncertainty(), np.eye(3), config, number, 0.0
-        )
+        scan_uncertainty(part, 0, part.backend.uncertainty(), None, config, number)
         for number, part in enumerate(unplaced, 1)
-    ]  # fmt: skip
+    ]
 
 
 def _walls_seen(floors: Floors, backend: Backend) -> list[int]:

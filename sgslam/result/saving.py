@@ -143,7 +143,7 @@ def _write_report(
         truth = truth.between(result.trajectory_map)
     data = ReportData(
         result.a_graph, result.s_graph, result.trajectory_map, result.trajectory_odometry, truth, result.T_bim_map,
-        result.matches, metrics, result.deviations, result.uncertainty.states(), result.anchors,
+        result.matches, metrics, result.deviations, result.uncertainty, result.anchors,
         elements=elements,
     )  # fmt: skip
     write_report(data, out / "report.html")

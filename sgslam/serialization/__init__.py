@@ -1,11 +1,12 @@
-"""Serialization: the state of a run as a tree of plain values, and as a file."""
+"""Serialization: the state of a run as bytes, and as a file."""
 
+from sgslam.serialization.pickling import pack, unpack
 from sgslam.serialization.state_file import read_about, read_state, write_state
-from sgslam.serialization.state_tree import Stateful
 
 __all__ = [
-    "Stateful",
+    "pack",
     "read_about",
     "read_state",
+    "unpack",
     "write_state",
 ]

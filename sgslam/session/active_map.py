@@ -4,7 +4,6 @@ import logging
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +27,6 @@ from sgslam.types import TrackedScan
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
-_LOOP_ROUNDS = 3  # rounds of closing loops and optimising, at most
 _FOLLOW = 0.1  # share of its change by which the sensor's usual height above the floor follows it at each keyframe
 
 
@@ -45,7 +43,7 @@ class ActiveMap:
     ) -> None:
         self._config = config
         self.anchoring, self.clouds, self.stopwatch = anchoring, clouds, stopwatch
-        self.points = ScanPoints(config.tracking, None if clouds.path is None else clouds.path.parent)
+        self.points = ScanPoints(config.tracking, clouds)
         self.floors = Floors(config)
         self.transition = FloorTransition(config.floors, config.surfaces.guessed_height)
         self._surfels = SurfelMap()  # of the scans since the last keyframe, in `odom`
@@ -81,11 +79,6 @@ class ActiveMap:
         return self.anchoring.bim_from_map(self.backend.T_map_local)
 
     @property
-    def last_pose(self) -> Floats | None:
-        """(4, 4) the current T_map_sensor of the newest scan; None before the first scan."""
-        return self.scans[-1].T_map_sensor if self.scans else None
-
-    @property
     def T_map_odom(self) -> Floats:  # noqa: N802
         """(4, 4) the frame `odom` in the map: what the graph knows better acts here, and `odom` never jumps."""
         if not self.backend.keyframes or not self.scans:
@@ -107,10 +100,16 @@ class ActiveMap:
         since = np.eye(4) if not keyframes else inverse(keyframes[-1].T_map_sensor) @ T_map_sensor
         self.scans.append(
             ScanPose(
-                scan.raw.stamp_ns, scan.T_odom_sensor, T_map_sensor, max(len(keyframes) - 1, 0), since,
-                health=scan.health, covariance=scan.covariance, T_begin_sensor=motion_since_begin(scan),
+                scan.raw.stamp_ns,
+                scan.T_odom_sensor,
+                T_map_sensor,
+                max(len(keyframes) - 1, 0),
+                since,
+                health=scan.health,
+                covariance=scan.covariance,
+                T_begin_sensor=motion_since_begin(scan),
             )
-        )  # fmt: skip
+        )
         self._covariance, self.is_external = scan.covariance, scan.raw.T_odom_sensor is not None
         self.points.add(scan)
         if scan.raw.step_covariance is not None and len(self.scans) > 1:
@@ -254,7 +253,7 @@ class ActiveMap:
     def _close_loops(self, anchors: Anchors | None) -> None:
         """Closes loops, withdraws contradicted closures and optimises until nothing changes. An anchored map needs no
         loop closure unless the odometry may have slipped."""
-        for _ in range(_LOOP_ROUNDS):
+        for _ in range(3):  # at most
             if self.placed and not self.backend.has_weak_steps:
                 return
             keyframes, floor = self.backend.keyframes, self.floors.current
@@ -298,27 +297,3 @@ class ActiveMap:
         known = self.floors.maps if self.backend.keyframes else []
         scenes = [floor.scene_now(self.backend, self._config) for floor in known]
         return self.floors.graph(self.backend.keyframes, scenes)
-
-    @property
-    def _parts(self) -> dict[str, Any]:
-        parts = {
-            "rule": self._keyframe_rule, "floors": self.floors, "backend": self.backend, "loops": self.loops,
-            "surfels": self._surfels, "transition": self.transition, "steps": self._steps, "points": self.points,
-        }  # fmt: skip
-        return parts if self.anchoring is None else {**parts, "anchoring": self.anchoring}
-
-    def state(self) -> dict[str, Any]:
-        """The state as a tree (see `state_tree`), without the keyframe clouds; not a copy."""
-        own = {
-            "scans": self.scans, "begins": self.begins, "first_anchor_ns": self.first_anchor_ns,
-            "T_bim_map": self.T_bim_map, "sensor_height": self.transition.height, "covariance": self._covariance,
-            "is_external": self.is_external,
-        }  # fmt: skip
-        return own | {name: part.state() for name, part in self._parts.items()}
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Restores a tree that `state` returned. Raises KeyError, TypeError or ValueError if it does not fit."""
-        for name, part in self._parts.items():
-            part.restore(state[name])
-        self._covariance, self.is_external = state["covariance"], state["is_external"]
-        self.scans, self.begins, self.first_anchor_ns = state["scans"], state["begins"], state["first_anchor_ns"]

@@ -7,32 +7,27 @@ from typing import Any, Protocol
 
 from data import UserError
 from sgslam.serialization import read_about, read_state, write_state
-from sgslam.session.state_types import TYPES
 
-FILE = "state.npz"  # in a run's folder
+FILE = "state.bin"  # in a run's folder
 LEAST_S = 10.0  # of a run between two checkpoints
 SHARE = 0.01  # of the run time that writing checkpoints may take
 _log = logging.getLogger(__name__)
 
 
-class Restorable(Protocol):
-    """An object that takes a run's state."""
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Restores a tree that `state` returned. Raises KeyError, TypeError or ValueError if it does not fit."""
-        ...
-
-
-class Resumable(Restorable, Protocol):
-    """An object whose state can be saved and restored, such as `SceneGraphSlam`."""
+class Resumable(Protocol):
+    """What has a state, such as `SceneGraphSlam`, or the part of one that tracks."""
 
     @property
     def keyframes(self) -> int:
         """The number of keyframes so far."""
         ...
 
-    def state(self) -> dict[str, Any]:
-        """The complete state as a tree (see `state_tree`)."""
+    def state(self) -> dict[str, bytes]:
+        """The complete state."""
+        ...
+
+    def restore(self, state: dict[str, bytes]) -> None:
+        """Restores what `state` returned. Raises ValueError if it does not fit."""
         ...
 
 
@@ -53,14 +48,14 @@ class Checkpoints:
             self.write(slam, progress)
 
     def write(
-        self, slam: Resumable, progress: dict[str, Any], finished: bool = False, tracking: dict[str, Any] | None = None
-    ) -> bool:  # fmt: skip
+        self, slam: Resumable, progress: dict[str, Any], finished: bool = False, tracking: bytes | None = None
+    ) -> bool:
         """Writes a checkpoint; returns whether that succeeded. `tracking` is the state of a tracker elsewhere."""
         began = perf_counter()
-        about = {**self._about, "finished": finished, "keyframes": slam.keyframes}
+        about = {**self._about, "finished": finished, "keyframes": slam.keyframes, "progress": progress}
         try:
-            state = slam.state() if tracking is None else {**slam.state(), "tracking": tracking}
-            write_state(self.path, about, {"slam": state, "progress": progress}, TYPES)
+            state = slam.state()
+            write_state(self.path, about, state if tracking is None else {**state, "tracking": tracking})
         except OSError as error:
             if not self._failed:
                 _log.warning("%s: cannot save the run's state (%s); the run goes on without", self.path, error.strerror)
@@ -81,18 +76,19 @@ def about_run(folder: Path) -> dict[str, Any]:
     return read_about(folder / FILE)
 
 
-def load(folder: Path, slam: Restorable, with_tracking: bool = True) -> dict[str, Any]:
+def load(folder: Path, slam: Resumable, with_tracking: bool = True) -> dict[str, Any]:
     """Restores a run's state into `slam`, made for the same building with the same settings; returns the progress that
     was saved with it. `with_tracking`: also that of the tracker.
 
     Raises UserError if the file is missing, damaged, of another version, or of a different run.
     """
     about_run(folder)
-    _, state = read_state(folder / FILE, TYPES)
+    about, state = read_state(folder / FILE)
+    if not with_tracking:
+        del state["tracking"]
     try:
-        slam.restore(state["slam"] if with_tracking else {**state["slam"], "tracking": None})
-        progress: dict[str, Any] = dict(state["progress"])
-    except (KeyError, IndexError, ValueError, TypeError, AttributeError) as error:
-        why = f"{type(error).__name__}: {error}"
-        raise UserError(f"{folder / FILE}: damaged, or of a different run ({why}); start a new run") from None
+        slam.restore(state)
+    except ValueError as error:
+        raise UserError(f"{folder / FILE}: damaged, or of a different run ({error}); start a new run") from None
+    progress: dict[str, Any] = about["progress"]
     return progress

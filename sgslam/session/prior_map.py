@@ -3,28 +3,25 @@
 import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph, UserError
-from matching.result import AnyMatcher
-from sgslam.anchoring import BuildingAnchoring, align_walls
+from sgslam.anchoring import align_walls
 from sgslam.anchoring.wall_alignment import planar_pose
 from sgslam.backend import Backend
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, level_map, transform_planes, transform_points
 from sgslam.mapping import FloorMap, Floors, KeyframeClouds
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
-from sgslam.serialization import read_state
+from sgslam.serialization import read_state, unpack
+from sgslam.session.active_map import ActiveMap
 from sgslam.session.checkpoints import FILE, about_run
 from sgslam.session.scan_poses import ScanPose
-from sgslam.session.state_types import TYPES
 
 Floats = NDArray[np.float64]
 _SAME_FLOOR = 1.0  # m of height between two floors that are the same
-_ROUNDS = 6  # of optimising and merging walls, at most
 _log = logging.getLogger(__name__)
 
 
@@ -50,21 +47,35 @@ class PriorMap:
         """Loads the map of a finished run's folder. Raises UserError if there is none or it is damaged."""
         if not about_run(folder).get("finished"):
             raise UserError(f"{folder}: that run was interrupted; finish it with --resume before using its map")
-        _, state = read_state(folder / FILE, TYPES)
-        backend, floors, clouds = Backend(config), Floors(config), folder / CLOUDS
+        path, voxel = folder / CLOUDS, config.clouds.keyframe_voxel
+        clouds = KeyframeClouds.open(path, voxel=voxel) if path.is_file() else KeyframeClouds(voxel=voxel)
         try:
-            saved = state["slam"]["map"]
-            backend.restore(saved["backend"])
-            floors.restore(saved["floors"])
-            voxel = config.clouds.keyframe_voxel
-            points = KeyframeClouds.open(clouds, voxel=voxel) if clouds.is_file() else KeyframeClouds(voxel=voxel)
-            return PriorMap(
-                backend, floors, saved["scans"], saved["begins"], saved["sensor_height"], saved["T_bim_map"],
-                saved["first_anchor_ns"], points,
-            )  # fmt: skip
-        except (KeyError, IndexError, ValueError, TypeError, AttributeError) as error:
-            why = f"{type(error).__name__}: {error}"
-            raise UserError(f"{folder / FILE}: damaged, or of another version ({why}); run it again") from None
+            return PriorMap.of(unpack(read_state(folder / FILE)[1]["map"], config, clouds=clouds)[1])
+        except ValueError as error:
+            raise UserError(f"{folder / FILE}: damaged, or of another version ({error}); run it again") from None
+
+    @staticmethod
+    def of(active: ActiveMap) -> "PriorMap":
+        """The map that a run has built."""
+        return PriorMap(
+            active.backend,
+            active.floors,
+            active.scans,
+            active.begins,
+            active.transition.height,
+            active.T_bim_map,
+            active.first_anchor_ns if active.T_bim_map is not None else None,
+            active.clouds,
+        )
+
+    def plan_in(self, bim: SceneGraph | None) -> tuple[SceneGraph, Floats, bool]:
+        """The plan to relocalise a run in, (4, 4) this map in its frame, and whether it is this map.
+
+        If the map is anchored and a BIM is given, the BIM is the plan: then the runs need not share any rooms.
+        """
+        if bim is not None and self.T_bim_map is not None:
+            return bim, self.T_bim_map, False
+        return self.plan(), self.T_plan_map, True
 
     @property
     def T_plan_map(self) -> Floats:  # noqa: N802
@@ -82,24 +93,6 @@ class PriorMap:
             tuple(door for g in parts for door in g.doors),
             tuple(replace(floor, elevation=elevation.get(floor.id, 0.0)) for g in parts for floor in g.floors),
         )
-
-    def state(self) -> dict[str, Any]:
-        """The state as a tree (see `state_tree`), without the keyframe clouds."""
-        return {
-            "backend": self.backend.state(), "floors": self.floors.state(), "scans": self.scans, "begins": self.begins,
-            "height": self.height, "T_bim_map": self.T_bim_map, "first_anchor_ns": self.first_anchor_ns,
-        }  # fmt: skip
-
-    @staticmethod
-    def from_state(state: dict[str, Any], config: Config, clouds: KeyframeClouds) -> "PriorMap":
-        """The map of a tree that `state` returned."""
-        backend, floors = Backend(config), Floors(config)
-        backend.restore(state["backend"])
-        floors.restore(state["floors"])
-        return PriorMap(
-            backend, floors, state["scans"], state["begins"], state["height"], state["T_bim_map"],
-            state["first_anchor_ns"], clouds,
-        )  # fmt: skip
 
     def join(self, other: "PriorMap", T_map_other: Floats, config: Config, same_run: bool = False) -> None:
         """Merges another map at `T_map_other` (4, 4) into this one; walls that both have seen become one.
@@ -126,12 +119,12 @@ class PriorMap:
         self._append_scans(other, T_map_other, first)
         if not same_run:
             self.begins = self.begins + [len(self.scans) - len(other.scans) + begin for begin in other.begins]
-        self._append_clouds(other, first)
+        self._append_clouds(other, first, same_run)
         count = len(other.backend.keyframes)
         _log.info("merged %d keyframes into a map of %d; %d walls seen in both", count, first, len(same))
         for floor in self.floors.maps:  # floors that both have seen become one while the two maps are where they belong
             floor.levels.refresh(self.backend.levels_in_map, self.backend.poses)
-        for _ in range(_ROUNDS):
+        for _ in range(6):  # at most
             self.backend.optimise(self.floors.seen, self.floors.levels, [], None, steps=20)
             walls = len({s.wall for s in self.floors.seen})
             self.floors.refresh(self.backend, self.height, last=False)
@@ -139,49 +132,6 @@ class PriorMap:
                 break
         for floor in self.floors.maps:
             floor.cut(self.backend, config)
-
-    def merge_unplaced(
-        self, parts: "list[PriorMap]", bim: SceneGraph | None, matcher: AnyMatcher, config: Config
-    ) -> "list[PriorMap]":
-        """Tries again to relocalise submaps of the same run, since the map has grown, and merges those that are found.
-
-        Returns those that are still not found. `bim` as in `plan_of`.
-        """
-        left = parts
-        while True:
-            tried, left = left, []
-            for part in tried:
-                T_map_part = self._place_of(part, bim, matcher, config)
-                if T_map_part is None:
-                    left.append(part)
-                else:
-                    self.join(part, T_map_part, config, same_run=True)
-            if len(left) in (0, len(tried)):
-                return left
-
-    def find_in(self, bim: SceneGraph, matcher: AnyMatcher, config: Config) -> bool:
-        """Looks for the map in a building; returns whether it has one place there, which is then its T_bim_map."""
-        self.T_bim_map = self._placed_in(bim, matcher, config, partial=False)
-        return self.T_bim_map is not None
-
-    def _placed_in(
-        self, plan: SceneGraph, matcher: AnyMatcher, config: Config, partial: bool
-    ) -> Floats | None:  # fmt: skip
-        """(4, 4) the map in the frame of a plan, of which `partial` says whether it may lack rooms; None if it has no
-        one place there."""
-        anchoring = BuildingAnchoring(plan, matcher, config, partial=partial)
-        anchors = anchoring.update(self.floors, None, last=True)
-        return None if anchors is None else anchoring.bim_from_map(anchors.T_map_local)
-
-    def _place_of(
-        self, part: "PriorMap", bim: SceneGraph | None, matcher: AnyMatcher, config: Config
-    ) -> Floats | None:  # fmt: skip
-        plan, is_known = plan_of(self, bim)
-        T_plan_part = part._placed_in(plan, matcher, config, partial=is_known)
-        if T_plan_part is None:
-            return None
-        T_plan_map = self.T_plan_map if is_known or self.T_bim_map is None else self.T_bim_map
-        return np.asarray(inverse(T_plan_map) @ T_plan_part)
 
     def _storeys(self, other: "PriorMap", T_map_other: Floats) -> dict[int, int]:
         """Floor numbers of this map by those of another one: the floor at the same height, else a new number."""
@@ -209,9 +159,7 @@ class PriorMap:
                 continue
             T = self.T_plan_map @ T_map_other @ inverse(floor.walls.T_level_map)
             place = planar_pose(T) - np.array([0.0, *origin])
-            alignment = align_walls(
-                floor.scene, floor.walls, plan.on_floor(_id(known)), origin, place, config.anchors
-            )  # fmt: skip
+            alignment = align_walls(floor.scene, floor.walls, plan.on_floor(_id(known)), origin, place, config.anchors)
             for held in alignment.walls if alignment is not None else ():
                 if held.agrees:
                     votes = same.setdefault(floor.scene.wall_of_surface[held.surface.id], {})
@@ -227,12 +175,11 @@ class PriorMap:
             own = replace(scan, T_map_sensor=T, keyframe=scan.keyframe + keyframes, T_previous_sensor=previous)
             self.scans.append(own)
 
-    def _append_clouds(self, other: "PriorMap", keyframes: int) -> None:
-        both = KeyframeClouds(voxel=self.clouds.voxel)
-        for clouds, first in ((self.clouds, 0), (other.clouds, keyframes)):
-            for keyframe in clouds:
-                both.add(first + keyframe, clouds[keyframe])
-        self.clouds = both
+    def _append_clouds(self, other: "PriorMap", keyframes: int, same_run: bool) -> None:
+        if not same_run:  # the file of the other run stays as it is
+            earlier, self.clouds = self.clouds, KeyframeClouds(voxel=self.clouds.voxel)
+            self.clouds.take(earlier)
+        self.clouds.take(other.clouds, keyframes)
 
 
 def _foot(T: Floats, plane: Floats) -> Floats:
@@ -247,13 +194,3 @@ def _planes(floors: Floors) -> dict[int, Floats]:
 
 def _id(floor: FloorMap) -> str:
     return f"floor-{floor.number}"
-
-
-def plan_of(known: PriorMap, bim: SceneGraph | None) -> tuple[SceneGraph, bool]:
-    """The plan to relocalise a new run in, and whether it is the prior map.
-
-    If the prior map is anchored and a BIM is given, the BIM is the plan: then the runs need not share any rooms.
-    """
-    if bim is not None and known.T_bim_map is not None:
-        return bim, False
-    return known.plan(), True

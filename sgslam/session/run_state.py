@@ -8,13 +8,14 @@ from numpy.typing import NDArray
 from data import SceneGraph, UserError
 from data.trajectory import Trajectory
 from sgslam.anchoring import AnchorRecord
+from sgslam.anchoring.place_posterior import PlacePosterior
 from sgslam.config import Config
-from sgslam.loops import LoopCloser
 from sgslam.mapping import KeyframeClouds
+from sgslam.serialization import pack, unpack
 from sgslam.session.active_map import ActiveMap
-from sgslam.session.scan_poses import at_stamps
+from sgslam.session.scan_poses import ScanPose, at_stamps
 from sgslam.session.session import Session
-from sgslam.session.snapshot import Snapshot, take_snapshot
+from sgslam.session.snapshot import Snapshot
 from sgslam.session.soundness.scan_uncertainty import live_sigma
 from sgslam.session.stopwatch import Stopwatch
 from sgslam.tracking import RunTracker
@@ -30,6 +31,7 @@ class RunState:
     _tracking: RunTracker
     _session: Session
     _map: ActiveMap
+    _clouds: KeyframeClouds  # up to the first kidnap
 
     @property
     def anchored(self) -> bool:
@@ -40,8 +42,7 @@ class RunState:
     def place_probabilities(self) -> tuple[float, float]:
         """The probability of the map's best place in its plan when it was last matched, and that of the runner-up."""
         anchoring = self._map.anchoring
-        found = () if anchoring is None else anchoring.posterior.places
-        best, other = (*(place.probability for place in found[:2]), 0.0, 0.0)[:2]
+        (best, _), (other, _) = (PlacePosterior() if anchoring is None else anchoring.posterior).two_best
         return best, other
 
     @property
@@ -64,12 +65,11 @@ class RunState:
         current, settings = self._map, self._config.odometry
         if not current.scans or self._tracking.waiting is not None:
             return np.full(6, np.nan)
-        newest, T_bim_map = current.scans[-1], self.T_bim_map
+        newest = current.scans[-1]
         T_map_sensor, covariance = newest.T_map_sensor, newest.covariance
         if (held := self._tracking.held) is not None:
             T_map_sensor, covariance = current.T_map_odom @ held.T_odom_sensor, held.covariance
-        R = np.eye(3) if T_bim_map is None else T_bim_map[:3, :3]
-        return live_sigma(current.scans, T_map_sensor, covariance, current.backend, R, settings)
+        return live_sigma(current, T_map_sensor, covariance, settings)
 
     @property
     def T_map_odom(self) -> Floats:  # noqa: N802
@@ -77,14 +77,9 @@ class RunState:
         return self._map.T_map_odom
 
     @property
-    def T_map_sensor(self) -> Floats | None:  # noqa: N802
-        """(4, 4) the pose of the newest scan in the map; None before the first, and while the first ones wait."""
-        return self._map.last_pose
-
-    @property
-    def newest_mapped_ns(self) -> int | None:
-        """The stamp of the newest scan in the map; None before the first."""
-        return self._map.scans[-1].stamp_ns if self._map.scans else None
+    def newest(self) -> ScanPose | None:
+        """The newest scan in the map; None before the first, and while the first ones wait."""
+        return self._map.scans[-1] if self._map.scans else None
 
     @property
     def T_prior_map(self) -> Floats | None:  # noqa: N802
@@ -113,11 +108,6 @@ class RunState:
         return self._session.kidnaps
 
     @property
-    def loops(self) -> LoopCloser:
-        """The loop closures, including withdrawn ones."""
-        return self._map.loops
-
-    @property
     def seconds(self) -> dict[str, float]:
         """The time of each stage so far, in seconds."""
         return self._stopwatch.seconds
@@ -134,28 +124,32 @@ class RunState:
 
     def snapshot(self) -> Snapshot:
         """The current state, for viewers."""
-        return take_snapshot(self._map.backend, self._map.floors, self._map.anchoring, self._map.clouds)
+        return Snapshot.of(self._map)
 
-    def state(self) -> dict[str, Any]:
-        """The complete state as a tree (see `state_tree`), without the keyframes' points, which `clouds` stores.
+    def state(self) -> dict[str, bytes]:
+        """The complete state, of the tracker and of the map, without the keyframes' points, which `clouds` stores."""
+        run = self._session, self._map, self.seconds
+        return {"tracking": pack(self._tracking, self._config), "map": pack(run, self._config, **self._given)}
 
-        It is not a copy: write it before the next scan is added.
-        """
-        return {
-            "tracking": self._tracking.state(), "seconds": self.seconds,
-            "session": self._session.state(), "map": self._map.state(),
-        }  # fmt: skip
+    def restore(self, state: dict[str, bytes]) -> None:
+        """Restores what `state` returned, for the same building and settings; the run then continues bit by bit as the
+        saved one would have. It lacks "tracking" where another process tracks. Raises ValueError for another building
+        and for what is damaged."""
+        given = {**self._given, "matcher": self._session.matcher_in_use}
+        session, active, seconds = unpack(state["map"], self._config, **given)
+        if session.bim is not self._session.bim:
+            raise ValueError("of another building")
+        self._session, self._map, self._stopwatch.seconds = session, active, seconds
+        if "tracking" in state:
+            self._tracking = unpack(state["tracking"], self._config)
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Restores a tree that `state` returned, for the same building and settings; the run then continues bit by bit
-        as the saved one would have. Its "tracking" is None where another process tracks. Raises KeyError, TypeError or
-        ValueError if the tree does not fit."""
-        clouds = self._session.restore(state["session"], self.clouds)
-        self._map = self._session.begin(clouds, self._stopwatch)
-        self._map.restore(state["map"])
-        if state["tracking"] is not None:
-            self._tracking.restore(state["tracking"])
-        self._stopwatch.seconds = state["seconds"]
+    @property
+    def _given(self) -> dict[str, Any]:
+        """What a state names only."""
+        session = self._session
+        prior = None if session.kidnaps else session.prior  # it stays as it is until another map joins it
+        given = {"bim": session.bim, "matcher": session.matcher, "prior": prior}
+        return {**given, "clouds": self._clouds, "stopwatch": self._stopwatch}
 
     @property
     def newest_imu_ns(self) -> int | None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.config import TrackingSettings
+from sgslam.mapping import KeyframeClouds
 from sgslam.registration.points import UNKNOWN
 from sgslam.registration.sampling import thinned
 from sgslam.types import TimedPoints, TrackedScan
@@ -22,12 +23,12 @@ _log = logging.getLogger(__name__)
 class ScanPoints:
     """The points of each scan of a map, in the order of the scans; places and normals in single precision.
 
-    `folder` is that of a run that may be resumed; None for an unnamed file. What was written lately is in memory, as
-    with any file. If the disk is full, the points are dropped and there will be no second pass.
+    They are in the folder of the run's `clouds`, or in an unnamed file. What was written lately is in memory, as with
+    any file. If the disk is full, the points are dropped and there will be no second pass.
     """
 
-    def __init__(self, settings: TrackingSettings, folder: Path | None = None) -> None:
-        self._settings, self._path = settings, None if folder is None else folder / FILE
+    def __init__(self, settings: TrackingSettings, clouds: KeyframeClouds) -> None:
+        self._settings, self._clouds = settings, clouds
         self._file: BinaryIO | None = None
         self._counts: list[tuple[int, int]] = []  # of the points and the knots of each scan
         self._end, self._side = 0, 0.0
@@ -36,6 +37,10 @@ class ScanPoints:
     def __len__(self) -> int:
         """The number of scans whose points can be read."""
         return 0 if self._is_lost else len(self._counts)
+
+    @property
+    def _path(self) -> Path | None:
+        return None if self._clouds.path is None else self._clouds.path.parent / FILE
 
     def add(self, scan: TrackedScan) -> None:
         """Stores the points of the next scan."""
@@ -60,11 +65,11 @@ class ScanPoints:
         self._end += len(record)
 
     def _opened(self) -> BinaryIO:
-        if self._file is None and self._path is None:
-            self._file = cast(BinaryIO, tempfile.TemporaryFile(buffering=0))  # noqa: SIM115
-        elif self._file is None:
-            assert self._path is not None
-            self._file = cast(BinaryIO, os.fdopen(os.open(self._path, os.O_RDWR | os.O_CREAT, 0o644), "r+b", 0))
+        if self._file is None:
+            if (path := self._path) is not None:
+                path.touch()
+            opened = tempfile.TemporaryFile(buffering=0) if path is None else path.open("r+b", buffering=0)  # noqa: SIM115
+            self._file = cast(BinaryIO, opened)
             os.ftruncate(self._file.fileno(), self._end)  # drops what an earlier run left beyond
         return self._file
 
@@ -86,12 +91,12 @@ class ScanPoints:
         if self._path is not None:
             self._path.unlink(missing_ok=True)
 
-    def state(self) -> dict[str, Any]:
-        """Returns the state as a tree (see `state_tree`), without the points."""
-        return {"counts": self._counts, "end": self._end, "side": self._side, "lost": self._is_lost}
+    def __getstate__(self) -> dict[str, Any]:
+        """The attributes, without the points."""
+        return {**vars(self), "_file": None}
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Restores what `state` returned; the points are lost where their file is."""
-        self._counts, self._end, self._side = state["counts"], state["end"], state["side"]
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """The points are lost where their file is."""
+        vars(self).update(state)
         there = self._path is not None and self._path.is_file() and self._path.stat().st_size >= self._end
-        self._is_lost = state["lost"] or not there
+        self._is_lost |= not there

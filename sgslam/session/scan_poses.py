@@ -1,4 +1,4 @@
-"""The poses of a run's scans: the live estimates, and smoothed ones after the keyframes have moved."""
+"""The poses of a run's scans: the live estimates, and those between the keyframes once these have moved."""
 
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -37,7 +37,7 @@ class ScanPose:
     T_begin_sensor: Floats | None = None
 
 
-def smooth(scans: list[ScanPose], keyframe_poses: Floats) -> Floats:
+def interpolated(scans: list[ScanPose], keyframe_poses: Floats) -> Floats:
     """(N, 4, 4) T_map_sensor of all scans, given the final keyframe poses (K, 4, 4).
 
     Each scan keeps its motion since the keyframe before it; the residual at the next keyframe is distributed linearly
@@ -60,9 +60,9 @@ def smooth(scans: list[ScanPose], keyframe_poses: Floats) -> Floats:
 
 def at_stamps(scans: list[ScanPose], poses: Floats) -> Trajectory:
     """The trajectory at the scans' stamps, sorted, from the scans' poses (N, 4, 4)."""
-    order = np.argsort([s.stamp_ns for s in scans], kind="stable")
-    scans, poses = [scans[i] for i in order], poses[order]
-    return Trajectory(np.array([s.stamp_ns for s in scans], dtype=np.int64), poses)
+    stamps = np.array([scan.stamp_ns for scan in scans], dtype=np.int64)
+    order = np.argsort(stamps, kind="stable")
+    return Trajectory(stamps[order], poses[order])
 
 
 def odometry_begins(scans: list[ScanPose]) -> list[int]:
@@ -81,7 +81,7 @@ def with_unplaced(known: Trajectory, parts: list[tuple[list[ScanPose], Floats]])
     the last known heading."""
     stamps, poses = [known.stamps_ns], [known.poses]
     for scans, keyframes in parts:
-        part = at_stamps(scans, smooth(scans, keyframes))
+        part = at_stamps(scans, interpolated(scans, keyframes))
         before = max(int(np.searchsorted(known.stamps_ns, part.stamps_ns[0])) - 1, 0)
         stamps.append(part.stamps_ns)
         poses.append(level_at(known.poses[before]) @ inverse(level_at(part.poses[0])) @ part.poses)
@@ -119,7 +119,7 @@ def newest_run(
     `keyframes` (K, 4, 4) are the poses of the map's keyframes; `unplaced` has the scans of each submap that was not
     relocalised, and the poses of its keyframes.
     """
-    poses = smooth(scans, keyframes)
+    poses = interpolated(scans, keyframes)
     runs = [slice(a, b) for a, b in zip(begins, [*begins[1:], len(scans)], strict=True)]
     *earlier, in_map = [at_stamps(scans[run], poses[run]) for run in runs]
     own = scans[runs[-1]]

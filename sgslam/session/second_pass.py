@@ -8,23 +8,22 @@ from sgslam.config import TrackingSettings
 from sgslam.registration.motion import pose_at
 from sgslam.registration.smoothing import smoothed
 from sgslam.session.active_map import ActiveMap
-from sgslam.session.scan_poses import smooth
+from sgslam.session.scan_poses import interpolated
 from sgslam.types import Motion
 
 _log = logging.getLogger(__name__)
-_LEAST = 3  # scans that a smoothing needs
 
 
 def pass_again(final: ActiveMap, settings: TrackingSettings) -> bool:
     """Registers all scans of a map again, and estimates the map with the motion found; returns whether it did."""
     with final.stopwatch("smoothing"):
         stamps = np.array([scan.stamp_ns for scan in final.scans])
-        if len(final.points) != len(stamps) or len(stamps) < _LEAST:
+        if len(final.points) != len(stamps) or len(stamps) < 3:
             _log.warning("no second pass: the points of %d of %d scans are there", len(final.points), len(stamps))
             return False
         at = (stamps - stamps[0]) / 1e9
         again = [own.later(second) for own, second in zip(final.points.read(), at, strict=True)]
-        start = Motion(at, smooth(final.scans, final.backend.poses))
+        start = Motion(at, interpolated(final.scans, final.backend.poses))
         is_known = np.array([scan.health != "lost" for scan in final.scans])
         _log.info("second pass: all %d scans are registered again", len(stamps))
         motion = smoothed(again, start, is_known, settings)

@@ -1,7 +1,5 @@
 """The maps of a run: begins a map, merges it with the prior map, keeps submaps that are not relocalised yet."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,7 +12,7 @@ from sgslam.geometry.frames import inverse
 from sgslam.loops import LoopCloser
 from sgslam.mapping import KeyframeClouds
 from sgslam.session.active_map import ActiveMap
-from sgslam.session.prior_map import PriorMap, plan_of
+from sgslam.session.prior_map import PriorMap
 from sgslam.session.stopwatch import Stopwatch
 from sgslam.types import Relocalisation
 
@@ -30,10 +28,14 @@ class Session:
     """
 
     def __init__(
-        self, config: Config, bim: SceneGraph | None, matcher: AnyMatcher | None, prior: PriorMap | None,
+        self,
+        config: Config,
+        bim: SceneGraph | None,
+        matcher: AnyMatcher | None,
+        prior: PriorMap | None,
         storey: str | None,
-    ) -> None:  # fmt: skip
-        self._config, self.bim, self._matcher = config, bim, matcher
+    ) -> None:
+        self._config, self.bim, self.matcher = config, bim, matcher
         self._start = None if storey is None or bim is None else floor_named(bim, storey).id
         self.prior = prior
         self.kidnaps = 0
@@ -42,19 +44,17 @@ class Session:
 
     def begin(self, clouds: KeyframeClouds, stopwatch: Stopwatch) -> ActiveMap:
         """A new map, to be relocalised in the prior map or anchored to the building."""
-        plan, is_prior = (self.bim, False) if self.prior is None else plan_of(self.prior, self.bim)
+        plan, _, is_prior = (self.bim, None, False) if self.prior is None else self.prior.plan_in(self.bim)
         return ActiveMap(self._config, self._anchored_in(plan, is_prior), clouds, stopwatch)
 
     def split(self, ended: ActiveMap) -> ActiveMap:
         """Begins a new map after the sensor was carried elsewhere; the ended map becomes or joins the prior map."""
         ended.complete()
-        T_prior_map, own = self.T_prior_map(ended), _as_prior(ended)
+        part = PriorMap.of(ended)
         if self.prior is None:
-            self.prior = own
-        elif T_prior_map is not None:
-            self.prior.join(own, T_prior_map, self._config, same_run=self._prior_is_of_this_run)
-        else:
-            self.unplaced.append(own)
+            self.prior = part
+        elif not self._joined(self.prior, part, self.T_prior_map(ended)):
+            self.unplaced.append(part)
         self.kidnaps += 1
         return self.begin(KeyframeClouds(None, ended.clouds.voxel), ended.stopwatch)
 
@@ -70,14 +70,13 @@ class Session:
     def _join(self, ended: ActiveMap) -> Relocalisation:
         """Merges a completed map with the prior map, and anchors both."""
         assert self.prior is not None
-        T_prior_map, found_ns, newest = self.T_prior_map(ended), ended.first_anchor_ns, _as_prior(ended)
+        T_prior_map, found_ns, newest = self.T_prior_map(ended), ended.first_anchor_ns, PriorMap.of(ended)
         reason = "" if ended.anchoring is None else ended.anchoring.reason
         began_ns, of_this_run = ended.scans[0].stamp_ns, self._prior_is_of_this_run
-        if T_prior_map is not None:
-            self.prior.join(newest, T_prior_map, self._config, same_run=of_this_run)
-        elif of_this_run:  # the map from before the kidnap is the result; the submap is kept separately
+        is_joined = self._joined(self.prior, newest, T_prior_map)
+        if of_this_run and not is_joined:  # the map from before the kidnap is the result; the submap stays apart
             self.unplaced.append(newest)
-        if T_prior_map is not None or of_this_run:
+        if is_joined or of_this_run:
             self._adopt_prior(ended, self.prior)
         elif not ended.plan_is_prior or self.bim is None:
             return Relocalisation(False, None, reason)
@@ -91,6 +90,12 @@ class Session:
             return Relocalisation(False, None, reason)
         return Relocalisation(True, (found_ns - began_ns) / 1e9, reason)
 
+    def _joined(self, prior: PriorMap, part: PriorMap, T_prior_part: Floats | None) -> bool:
+        """Merges a map with the prior map where its place (4, 4) there is known; returns whether it is."""
+        if T_prior_part is not None:
+            prior.join(part, T_prior_part, self._config, same_run=self._prior_is_of_this_run)
+        return T_prior_part is not None
+
     def _anchor(self, ended: ActiveMap) -> None:
         """Anchors a map to the building, and completes it."""
         ended.anchoring = self._anchored_in(self.bim, is_prior=False)
@@ -102,8 +107,9 @@ class Session:
         placed. Empty where the first one stays."""
         assert self.prior is not None
         parts = sorted(self.unplaced, key=lambda part: -len(part.scans))
-        for part in parts:
-            if self.bim is not None and part.find_in(self.bim, self._matcher_in_use, self._config):
+        for part in parts if self.bim is not None else ():
+            part.T_bim_map = self._place_in(self.bim, part, is_prior=False)
+            if part.T_bim_map is not None:
                 self._begin_with(part, ended)
                 return "found in the building after the last scan"
         if parts and all(scan.health == "lost" for scan in self.prior.scans):
@@ -132,48 +138,36 @@ class Session:
 
     def _adopt_prior(self, ended: ActiveMap, prior: PriorMap) -> None:
         """Replaces the ended map by the merged prior map, after merging the submaps that can be placed in it."""
-        self.unplaced = prior.merge_unplaced(self.unplaced, self.bim, self._matcher_in_use, self._config)
+        tried: list[PriorMap] = []
+        while len(tried) != len(self.unplaced):  # the map has grown since
+            tried, self.unplaced = self.unplaced, []
+            for part in tried:
+                plan, T_plan_prior, is_prior = prior.plan_in(self.bim)
+                T_plan_part = self._place_in(plan, part, is_prior)
+                if T_plan_part is None:
+                    self.unplaced.append(part)
+                else:
+                    prior.join(part, inverse(T_plan_prior) @ T_plan_part, self._config, same_run=True)
         ended.backend, ended.floors, ended.clouds = prior.backend, prior.floors, prior.clouds
         ended.scans, ended.begins = prior.scans, prior.begins
         ended.loops = LoopCloser(self._config.loops, prior.backend.closures, len(prior.backend.keyframes))
 
+    def _place_in(self, plan: SceneGraph | None, part: PriorMap, is_prior: bool) -> Floats | None:
+        """(4, 4) a part of the run in the frame of a plan, None if it has no one place there. A plan that `is_prior`
+        may lack rooms."""
+        assert plan is not None
+        anchoring = BuildingAnchoring(plan, self.matcher_in_use, self._config, partial=is_prior)
+        anchors = anchoring.update(part.floors, None, last=True)
+        return None if anchors is None else anchoring.bim_from_map(anchors.T_map_local)
+
     @property
-    def _matcher_in_use(self) -> AnyMatcher:
-        return self._matcher or Matcher.load(self._config.matching.method)
+    def matcher_in_use(self) -> AnyMatcher:
+        """The given matcher, or that of the settings."""
+        self.matcher = self.matcher or Matcher.load(self._config.matching.method)
+        return self.matcher
 
     def _anchored_in(self, plan: SceneGraph | None, is_prior: bool) -> BuildingAnchoring | None:
         if plan is None:
             return None
         start = self._start if self.prior is None else None  # a prior map has floors of its own
-        return BuildingAnchoring(plan, self._matcher_in_use, self._config, start, partial=is_prior)
-
-    def state(self) -> dict[str, Any]:
-        """The complete state as a tree (see `state_tree`), without a prior map that the user gave."""
-        return {
-            "kidnaps": self.kidnaps, "unplaced": [part.state() for part in self.unplaced],
-            "prior": self.prior.state() if self.prior is not None and self.kidnaps else None,
-        }  # fmt: skip
-
-    def restore(self, state: dict[str, Any], clouds: KeyframeClouds) -> KeyframeClouds:
-        """Restores a tree that `state` returned; returns the clouds of the active map.
-
-        `clouds` are the saved ones: they hold the points up to the first kidnap only.
-        """
-        if state["prior"] is not None:
-            self.prior, clouds = PriorMap.from_state(state["prior"], self._config, clouds), _no_clouds(clouds)
-        self.unplaced = [PriorMap.from_state(part, self._config, _no_clouds(clouds)) for part in state["unplaced"]]
-        self.kidnaps = state["kidnaps"]
-        return clouds
-
-
-def _no_clouds(like: KeyframeClouds) -> KeyframeClouds:
-    return KeyframeClouds(None, like.voxel)
-
-
-def _as_prior(ended: ActiveMap) -> PriorMap:
-    T_bim_map = ended.T_bim_map
-    since_ns = None if T_bim_map is None else ended.first_anchor_ns
-    return PriorMap(
-        ended.backend, ended.floors, ended.scans, ended.begins, ended.transition.height, T_bim_map, since_ns,
-        ended.clouds,
-    )  # fmt: skip
+        return BuildingAnchoring(plan, self.matcher_in_use, self._config, start, partial=is_prior)

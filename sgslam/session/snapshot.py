@@ -11,9 +11,7 @@ from data.scene_graph import SceneGraph
 from sgslam.mapping import KeyframeClouds
 
 if TYPE_CHECKING:
-    from sgslam.anchoring import BuildingAnchoring
-    from sgslam.backend import Backend
-    from sgslam.mapping import Floors
+    from sgslam.session.active_map import ActiveMap
 
 Floats = NDArray[np.float64]
 
@@ -40,6 +38,29 @@ class Snapshot:
     reason: str
     clouds: KeyframeClouds
 
+    @staticmethod
+    def of(active: "ActiveMap") -> "Snapshot":
+        """Of a map, between two scans. Takes a few milliseconds and changes nothing."""
+        keyframes, T_map_local, anchoring = active.backend.keyframes, active.backend.T_map_local, active.anchoring
+        matches, hypotheses = None, []
+        if anchoring is not None and T_map_local is not None:
+            matches = anchoring.answer(active.floors, anchoring.alignments(active.floors, T_map_local))
+        elif anchoring is not None:
+            for number, match in anchoring.newest_matches.items():
+                hypotheses += [(f"floor-{number}", found) for found in match.to_dict().get("hypotheses") or ()]
+        return Snapshot(
+            stamps_ns=np.array([k.stamp_ns for k in keyframes], dtype=np.int64),
+            poses=active.backend.poses,
+            floors=tuple(None if k.storey is None else f"floor-{k.storey}" for k in keyframes),
+            graphs=tuple(floor.scene.graph for floor in active.floors.maps if floor.scene is not None),
+            plan=None if anchoring is None else anchoring.a_graph,
+            T_plan_map=active.T_plan_map,
+            matches=matches,
+            hypotheses=tuple(hypotheses),
+            reason="" if anchoring is None else anchoring.reason,
+            clouds=active.clouds,
+        )
+
     def pairs(self, kind: str) -> dict[str, str]:
         """A-graph ids by S-graph ids; `kind` is `rooms` or `wall_surfaces`. Empty until the map is placed."""
         matched = (self.matches or {}).get(kind) or () if self.T_plan_map is not None else ()
@@ -54,25 +75,3 @@ class Snapshot:
         sole = matches.get("floor")
         known = matches.get("floors") or {graph.floors[0].id: sole for graph in self.graphs if graph.floors}
         return {floor: storey for floor, storey in known.items() if storey is not None}
-
-
-def take_snapshot(
-    backend: "Backend", floors: "Floors", anchoring: "BuildingAnchoring | None", clouds: KeyframeClouds
-) -> Snapshot:  # fmt: skip
-    """A snapshot of a run's parts, between two scans. Takes a few milliseconds and changes nothing."""
-    keyframes, T_map_local = backend.keyframes, backend.T_map_local
-    graphs = tuple(floor.scene.graph for floor in floors.maps if floor.scene is not None)
-    on = tuple(None if k.storey is None else f"floor-{k.storey}" for k in keyframes)
-    T_plan_map, matches, hypotheses, reason = None, None, [], ""
-    if anchoring is not None:
-        reason = anchoring.reason
-        if T_map_local is not None:
-            T_plan_map = anchoring.bim_from_map(T_map_local)
-            matches = anchoring.answer(floors, anchoring.alignments(floors, T_map_local))
-        else:
-            for number, match in anchoring.newest_matches.items():
-                hypotheses += [(f"floor-{number}", found) for found in match.to_dict().get("hypotheses") or ()]
-    return Snapshot(
-        np.array([k.stamp_ns for k in keyframes], dtype=np.int64), backend.poses, on, graphs,
-        None if anchoring is None else anchoring.a_graph, T_plan_map, matches, tuple(hypotheses), reason, clouds,
-    )  # fmt: skip

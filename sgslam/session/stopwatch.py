@@ -1,6 +1,6 @@
 """Measures the time of each stage of a run."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from time import perf_counter
 
@@ -8,17 +8,16 @@ STAGES = ("odometry", "surfaces", "rooms", "loops", "matching", "optimisation", 
 
 
 class Stopwatch:
-    """Sums the seconds of each stage; `clock` is the wall clock by default."""
+    """Sums the seconds of each stage by the wall clock."""
 
-    def __init__(self, clock: Callable[[], float] = perf_counter) -> None:
+    def __init__(self) -> None:
         self.seconds: dict[str, float] = dict.fromkeys(STAGES, 0.0)
-        self._clock = clock
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
         """Context that adds its duration to the stage."""
-        began = self._clock()
+        began = perf_counter()
         try:
             yield
         finally:
-            self.seconds[stage] += self._clock() - began
+            self.seconds[stage] += perf_counter() - began

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
-from sgslam.serialization import Stateful
 from sgslam.surfels.cells import CELLS, SIDES, cell_of, key_of, place_of, rehash, within_block
 from sgslam.surfels.planes import (
     AXIS,
@@ -38,13 +37,11 @@ Ints = NDArray[np.int64]
 Ints32 = NDArray[np.int32]
 
 
-class SurfelMap(Stateful):
+class SurfelMap:
     """Surfels in the `odom` frame: the rows after the first one of `_sums` and `_planes`, see `sgslam.surfels.planes`.
 
     The arrays have room for more; `_count` and `_blocks` tell how many of their rows are used.
     """
-
-    _STATE = ("_count", "_blocks", "_table", "_cells", "_sums", "_planes")
 
     def __init__(self) -> None:
         self.clear()
@@ -55,10 +52,10 @@ class SurfelMap(Stateful):
         self._table, self._cells = np.zeros((1 << 8, 2), np.int64), np.zeros((1 << 7, CELLS), np.int32)
         self._sums, self._planes = np.zeros((1 << 10, SUMS)), np.zeros((1 << 10, PLANE), np.float32)
 
-    def state(self) -> dict[str, Any]:
-        """See `Stateful`; without the arrays' room for more."""
+    def __getstate__(self) -> dict[str, Any]:
+        """The attributes, without the arrays' room for more."""
         rows = {"_sums": self._sums[: self._count], "_planes": self._planes[: self._count]}
-        return {**super().state(), **rows, "_cells": self._cells[: self._blocks]}
+        return {**vars(self), **rows, "_cells": self._cells[: self._blocks]}
 
     def add(self, points: Floats, rays: Floats, way: float, memory: float) -> None:
         """Adds points (N, 3) seen along unit rays (N, 3), both in `odom`, after `way` metres.

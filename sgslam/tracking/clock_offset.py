@@ -8,7 +8,6 @@ from scipy.spatial.transform import Rotation
 
 from sgslam.inertial import ImuBuffer
 from sgslam.odometry.given_motion import GivenMotion
-from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -19,14 +18,12 @@ _SIGMAS = 5.0  # standard deviations by which an offset must be larger; it is lo
 _RELATED = 0.25  # squared difference at the best offset, over the mean of all; unrelated motions differ alike at all
 
 
-class ClockOffset(Stateful):
+class ClockOffset:
     """Compares how fast the sensor turns from scan to scan with how fast something else turns earlier or later.
 
     The offset has the least sum of squared differences; its standard deviation follows from the sum's curvature, which
     is small where the motion shows nothing. `advice` is a line once the offset is large for sure.
     """
-
-    _STATE = ("advice", "_last", "_waiting", "_squares", "_count")
 
     def __init__(self) -> None:
         self.advice: str | None = None

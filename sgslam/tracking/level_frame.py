@@ -10,7 +10,6 @@ from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import inverse, levelling
 from sgslam.perception.gravity import ALIKE, LYING, Gravity, find_gravity
 from sgslam.registration.motion import few_points
-from sgslam.serialization import Stateful
 from sgslam.surfels import SurfelMap
 from sgslam.types import TrackedScan
 
@@ -20,14 +19,12 @@ _BETWEEN_NS = 1_000_000_000  # between two attempts
 _SWAYS = 0.5  # rad, between the sensor and its stated mount in a hand, at most
 
 
-class LevelFrame(Stateful):
+class LevelFrame:
     """`likely_up` (3,) is the best answer so far, in the frame of the first pose, at first the mount's.
 
     Surfaces show the axis, and an accelerometer which end of it is up; without one it is the end nearer to the mount.
     `sure` tells whether that is good enough. `advice` is a line where the stated mount proves wrong, else None.
     """
-
-    _STATE = ("sure", "likely_up", "advice", "_looked_ns", "_measured")
 
     def __init__(self, settings: TrackingSettings) -> None:
         self._settings = settings

@@ -1,7 +1,6 @@
 """What else than registration tells how the sensor moves: an IMU, poses that come with scans, another odometry."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,19 +87,3 @@ class OtherMotion:
     def advice(self) -> str | None:
         """A line where the clock of what else measures the motion proves wrong, else None."""
         return self._clock.advice
-
-    def state(self) -> dict[str, Any]:
-        """The complete state as a tree (see `state_tree`); not a copy."""
-        return {
-            "imu": self.imu.state(), "given": self.given.state(), "clock": self._clock.state(),
-            "odometry": None if self._odometry is None else self._odometry.state(), "posed": self._come_with_poses,
-        }  # fmt: skip
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Restores a tree that `state` returned."""
-        self.imu.restore(state["imu"])
-        self.given.restore(state["given"])
-        self._clock.restore(state["clock"])
-        if self._odometry is not None:
-            self._odometry.restore(state["odometry"])
-        self._come_with_poses = state["posed"]

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse
-from sgslam.inertial import MeasuredMotion, measured_up
+from sgslam.inertial import measured_up
 from sgslam.odometry import Odometry
-from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.odometry.timed import TimedOdometry
 from sgslam.perception import checked_scan
 from sgslam.tracking.level_frame import LevelFrame
@@ -65,8 +64,6 @@ class RunTracker:
     `newest_ns` is the stamp of the newest scan, None before the first, and `part` the number of frames before this one.
     """
 
-    _STATE = ("newest_ns", "part", "_advice", "_mode", "_kept", "_T_level_source", "_losses", "_other_ns")
-
     def __init__(self, config: Config, odometry: Odometry | None = None) -> None:
         """`odometry` is that of the settings by default."""
         self._config, self.motion = config, OtherMotion(config, odometry)
@@ -88,17 +85,16 @@ class RunTracker:
 
     def _another_odometry(self) -> TimedOdometry:
         """An odometry that knows of no scan yet."""
-        settings = self._config.tracking
-
-        def make() -> ContinuousTimeOdometry:
-            return ContinuousTimeOdometry(settings, MeasuredMotion(self.motion.imu), self.motion.measured)
-
-        return TimedOdometry(make, settings.point_times, settings.stamp)
+        return TimedOdometry(self._config.tracking, self.motion.imu, self.motion.measured)
 
     def track(
-        self, stamp_ns: int, points: NDArray[np.floating[Any]], point_times: Floats | None = None,
-        T_odom_sensor: Floats | None = None, step_covariance: Floats | None = None,
-    ) -> list[TrackedScan]:  # fmt: skip
+        self,
+        stamp_ns: int,
+        points: NDArray[np.floating[Any]],
+        point_times: Floats | None = None,
+        T_odom_sensor: Floats | None = None,
+        step_covariance: Floats | None = None,
+    ) -> list[TrackedScan]:
         """The scans that are given out, in their order; the first one of another frame `begins_elsewhere`.
 
         The arguments and what is raised are those of `SceneGraphSlam.add_scan`.
@@ -163,7 +159,7 @@ class RunTracker:
             if scan.raw.T_odom_sensor is not None:  # which says where the sensor is
                 self._mode = "lost" if scan.health == "lost" else "tracking"
             else:
-                elsewhere_ns = self._lose(scan) if scan.health == "lost" else self._find(scan)
+                elsewhere_ns = self._take_lost(scan) if scan.health == "lost" else self._take_found(scan)
             if elsewhere_ns is not None:
                 return [*given_out, *self._begin_elsewhere(elsewhere_ns, scans[number:])]
             self.motion.compare_clock(scan)
@@ -172,7 +168,7 @@ class RunTracker:
                 given_out += self._give_out()
         return given_out
 
-    def _lose(self, scan: TrackedScan) -> int | None:
+    def _take_lost(self, scan: TrackedScan) -> int | None:
         """Takes a scan that does not fit the map; since when the sensor is elsewhere, None where it is not."""
         raw, known, self._mode = scan.raw, self._losses, "lost"
         if known.lost_ns is None:
@@ -191,7 +187,7 @@ class RunTracker:
         self._losses, self._other = replace(known, found_ns=found_ns), None
         return None
 
-    def _find(self, scan: TrackedScan) -> int | None:
+    def _take_found(self, scan: TrackedScan) -> int | None:
         """Takes a scan that fits the map; since when the sensor is elsewhere, None where it is not."""
         stamp_ns, known, settings = scan.raw.stamp_ns, self._losses, self._config.tracking
         if scan.registration.is_after_pause and known.lost_ns is None:
@@ -255,26 +251,6 @@ class RunTracker:
         """What is known so far."""
         has_imu = self.motion.imu.newest_ns is not None
         return TrackerNotes(tuple(self.advice), self._level.is_way_up_assumed, has_imu)
-
-    def state(self) -> dict[str, Any]:
-        """The complete state as a tree (see `state_tree`); not a copy."""
-        return {
-            **{name: getattr(self, name) for name in self._STATE}, "motion": self.motion.state(),
-            "odometry": self._odometry.state(), "level": self._level.state(),
-            "other": None if self._other is None else self._other.state(),
-        }  # fmt: skip
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Restores a tree that `state` returned. Raises KeyError, TypeError or ValueError if it does not fit."""
-        self._begin()
-        for name in self._STATE:
-            setattr(self, name, state[name])
-        self.motion.restore(state["motion"])
-        self._odometry.restore(state["odometry"])
-        self._level.restore(state["level"])
-        if state["other"] is not None:
-            self._other = self._another_odometry()
-            self._other.restore(state["other"])
 
 
 def _with_results(scans: list[TrackedScan], results: list[Any]) -> list[TrackedScan]:

@@ -13,7 +13,7 @@ from pathlib import Path
 from .differences import graph_lines, json_lines
 
 LEFT_OUT = {
-    "state.npz": "holds seconds and paths; what can be read of it is that a run resumes from it (the run `resumed`)",
+    "state.bin": "holds seconds and paths; what can be read of it is that a run resumes from it (the run `resumed`)",
 }
 # Values that differ between any two runs: wall-clock and CPU seconds, the latencies of a live run, the version.
 TIMES = re.compile(r"(^|\.)(seconds|cpu_seconds|live|took_s|Version)\b")

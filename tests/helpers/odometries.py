@@ -5,12 +5,11 @@ from typing import Any
 
 import numpy as np
 from boxes import Array, pose
-from walks import SCAN_NS
+from walks import SCAN_NS, from_file
 
 from data.trajectory import Trajectory
 from sgslam.config import Config, OdometrySettings, TrackingSettings
 from sgslam.odometry import Odometry, make_odometry
-from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.odometry.external import ExternalOdometry
 from sgslam.odometry.given_motion import GivenMotion
 from sgslam.odometry.timed import TimedOdometry
@@ -46,12 +45,6 @@ class Told:
     def locate(self, stamp_ns: int, points: Array, point_times: Array | None = None) -> Array:
         return self._given.at(stamp_ns)
 
-    def state(self) -> dict[str, Any]:
-        return {}
-
-    def restore(self, state: Any) -> None:
-        pass
-
 
 class Followed:
     """An odometry of others, whose poses are taken as a run takes them."""
@@ -63,18 +56,17 @@ class Followed:
         self._given.add(stamp_ns, self._odometry.locate(stamp_ns, points, point_times))
         return self._given.newest(point_times)
 
-    def state(self) -> dict[str, Any]:
-        return {"odometry": self._odometry.state(), "given": self._given.state()}
-
-    def restore(self, state: Any) -> None:
-        self._odometry.restore(state["odometry"])
-        self._given.restore(state["given"])
+    def restored(self) -> "Followed":
+        """One that goes on with what a file holds; what is told holds nothing."""
+        again = Followed(self._odometry if isinstance(self._odometry, Told) else from_file(self._odometry))
+        again._given = from_file(self._given)
+        return again
 
 
 def make(method: str, truth: list[Array]) -> Any:
     """A new one, with the settings of a run; `truth` is for what is told."""
     if method == "continuous_time":
-        return TimedOdometry(lambda: ContinuousTimeOdometry(TrackingSettings()), "auto")
+        return TimedOdometry(TrackingSettings())
     if method == "given":
         return Followed(Told(truth))
     odometry = make_odometry(Config(odometry=OdometrySettings(method=method)))  # type: ignore[arg-type]

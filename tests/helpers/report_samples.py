@@ -13,7 +13,7 @@ from data.trajectory import Trajectory
 from sgslam.as_built.elements import ElementVerdict, Verdict
 from sgslam.report import ReportData, RunFolder
 from sgslam.report.elements import shown_as_element
-from sgslam.session.soundness.scan_uncertainty import ScanStates
+from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
 
 LOST, APART = slice(100, 130), slice(190, 220)  # of the scans of `with_lost_scans`
 
@@ -29,11 +29,12 @@ def report_data(run: RunFolder) -> ReportData:
     """A finished run, without ground truth and without the log of its anchors."""
     in_map, odometry = (Trajectory.read_tum(run.path / f"trajectory_{name}.tum") for name in ("map", "odometry"))
     table = np.genfromtxt(run.path / "trajectory_sigma.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
-    sigma = np.stack([table["sigma_x_m"], table["sigma_y_m"]], axis=1)
-    seconds = table["stamp_s"] - table["stamp_s"][:1]
+    sigma = np.full((len(table), 6), np.nan)
+    sigma[:, 0], sigma[:, 1] = table["sigma_x_m"], table["sigma_y_m"]
+    stamps, none = in_map.stamps_ns, np.full(len(table), "")
     return ReportData(
         run.a_graph, run.s_graph, in_map, odometry, None, run.T_bim_map, run.matches, run.metrics, run.deviations,
-        ScanStates(seconds, table["health"] == "lost", table["part"], sigma),
+        ScanUncertainty(stamps, sigma, table["part"], none, table["probability"], table["anchored"], table["health"]),
         elements=[*run.elements, *map(shown_as_element, run.unplanned)],
     )  # fmt: skip
 
@@ -49,10 +50,10 @@ def anchor(wall: str, a_id: str, withdrawn: str | None = None) -> dict[str, Any]
 def with_lost_scans(data: ReportData) -> ReportData:
     """Some scans are lost; some lie in a part that was not placed, which is laid far away."""
     assert data.scans is not None
-    lost, part, poses = data.scans.lost.copy(), data.scans.part.copy(), data.trajectory_map.poses.copy()
-    lost[LOST], part[APART] = True, 1
+    health, part, poses = data.scans.health.copy(), data.scans.part.copy(), data.trajectory_map.poses.copy()
+    health[LOST], part[APART] = "lost", 1
     poses[APART, 0, 3] -= 500.0
-    scans = replace(data.scans, lost=lost, part=part)
+    scans = replace(data.scans, health=health, part=part)
     return replace(data, scans=scans, trajectory_map=Trajectory(data.trajectory_map.stamps_ns, poses))
 
 

@@ -1,7 +1,6 @@
 """Rooms, walks through them, and what a sensor sees on the way."""
 
 import functools
-import json
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
@@ -11,11 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from data.geometry.raycast import TriangleScene
 from data.simulation import SpinningSensor
+from sgslam.config import Config
 from sgslam.geometry.frames import inverse
-from sgslam.registration.beliefs import Belief
-from sgslam.serialization.state_tree import Packer, Unpacker
+from sgslam.serialization import pack, unpack
 from sgslam.surfels import SurfelMap
-from sgslam.types import Registration, TimedPoints
+from sgslam.types import Registration
 
 SCAN_NS = 100_000_000
 HERE = np.eye(4)
@@ -119,9 +118,6 @@ def step_errors(found: list[Registration], truth: Sequence[Array] | Array, scans
     return np.array([off(inverse(a) @ b, inverse(c) @ d) for a, b, c, d in pairs])
 
 
-def from_file(state: dict[str, Any]) -> Any:
-    """A state as a file gives it back."""
-    known = {"TimedPoints": TimedPoints, "Belief": Belief}
-    packer = Packer(known)
-    tree = json.loads(json.dumps(packer.pack(state)))
-    return Unpacker(known, packer.arrays()).unpack(tree)
+def from_file(value: Any) -> Any:
+    """What the state of a run has of it."""
+    return unpack(pack(value, Config()), Config())

@@ -182,8 +182,7 @@ def _hint(out: Path) -> str:
 
 def _accuracy(result: Result, truth: Trajectory, in_one_part: bool) -> dict[str, Any]:
     told = result.uncertainty
-    known = np.array([health != "lost" for health in told.health])
-    in_one_frame = result.trajectory_map.only((told.part == 0) & known)  # other parts were not joined to the map
+    in_one_frame = result.trajectory_map.only(told.known)  # other parts were not joined to the map
     in_bim = result.trajectory if result.anchored else None
     errors = accuracy(in_bim, in_one_frame, result.trajectory_odometry if in_one_part else None, truth)
     aligned, sigma = errors["rmse_map_aligned_m"], result.quality.get("position_sigma_m")

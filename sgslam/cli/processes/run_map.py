@@ -54,7 +54,7 @@ class RunMap:
             except UserError as error:
                 self._failed = str(error)  # the map so far is written all the same
         self._mapped += 1
-        slam = self._slam
+        slam, newest = self._slam, self._slam.newest
         held = [HeldAnchor(f"w{own.wall}", own.a_id, own.state) for own in slam.anchors if own.state != "withdrawn"]
         return MapState(
             scans=self._mapped,
@@ -62,7 +62,7 @@ class RunMap:
             T_map_odom=slam.T_map_odom,
             T_bim_map=slam.T_bim_map,
             anchors=tuple(held),
-            map_stamp_ns=slam.newest_mapped_ns,
+            map_stamp_ns=None if newest is None else newest.stamp_ns,
             keyframes=slam.keyframes,
             checkpoint_s=self._checkpoint_s,
             failed=self._failed,
@@ -71,15 +71,15 @@ class RunMap:
 
     def set_start(self, pose: Triple) -> None:
         """Takes a pose of the sensor now for the start of matching; what is anchored stays so."""
-        now = self._slam.T_map_sensor
-        self._matcher.start = pose if now is None else map_start(pose, now)
+        now = self._slam.newest
+        self._matcher.start = pose if now is None else map_start(pose, now.T_map_sensor)
         _log.info("the user gives the sensor's pose: x, y, yaw = %.2f, %.2f, %.2f", *pose)
 
     def log(self, name: str, level: int, text: str) -> None:
         """Adds a line to the log of the run."""
         logging.getLogger(name).log(level, "%s", text)
 
-    def save(self, tracking: dict[str, Any], progress: dict[str, Any]) -> None:
+    def save(self, tracking: bytes, progress: dict[str, Any]) -> None:
         """Writes a checkpoint, with the states of the tracker and of `Progress` after the scans so far."""
         began = perf_counter()
         self._run.take_progress(progress)

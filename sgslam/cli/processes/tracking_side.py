@@ -20,6 +20,7 @@ from sgslam.cli.job.run import Progress, interrupted, run_scans
 from sgslam.cli.options import RunOptions
 from sgslam.cli.processes.mapping_process import MappingProcess
 from sgslam.config import Config
+from sgslam.serialization import pack, unpack
 from sgslam.session import Checkpoints
 from sgslam.session.checkpoints import load
 from sgslam.tracking import RunTracker
@@ -46,7 +47,7 @@ class TrackingSide:
     """Tracks scans, and hands each over to a `mapping` process that is ready."""
 
     def __init__(self, config: Config, mapping: MappingProcess) -> None:
-        self.tracking, self.mapping = RunTracker(config), mapping
+        self.tracking, self.mapping, self._config = RunTracker(config), mapping, config
         self._seconds, self._cpu_began = 0.0, process_time()
         self._lines = LogLines(mapping)
         logging.getLogger("sgslam").addHandler(self._lines)
@@ -82,13 +83,13 @@ class TrackingSide:
         """The number of keyframes that are known to be in the map."""
         return self.mapping.state.keyframes
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> dict[str, bytes]:
         """The tracker's part of a run's state."""
-        return self.tracking.state()
+        return {"tracking": pack(self.tracking, self._config)}
 
-    def restore(self, state: dict[str, Any]) -> None:
+    def restore(self, state: dict[str, bytes]) -> None:
         """Restores the tracker's part of a run's state."""
-        self.tracking.restore(state["tracking"])
+        self.tracking = unpack(state["tracking"], self._config)
 
     def finish(self, **told: Any) -> dict[str, Any]:
         """Hands over all scans that wait, and what is `told` (see `RunMap.finish`); returns the content of metrics.json
@@ -113,7 +114,7 @@ class SentCheckpoints(Checkpoints):
     def write(self, slam: TrackingSide, progress: dict[str, Any]) -> bool:  # type: ignore[override]
         """Sends the state of the tracker after the scans so far."""
         began = perf_counter()
-        slam.mapping.put("save", tracking=slam.state(), progress=progress)
+        slam.mapping.put("save", **slam.state(), progress=progress)
         self._written = perf_counter()
         self._took = max(self._written - began, slam.mapping.state.checkpoint_s)
         return True

@@ -5,7 +5,7 @@ leads through planned walls, though a place in the plan may explain the map.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -14,15 +14,14 @@ import shapely
 from numpy.typing import NDArray
 
 from data import SceneGraph, UserError
-from data.scene_graph import WallSurface
 from data.trajectory import Trajectory
 from sgslam.anchoring.soundness import LAPLACE, Soundness
 from sgslam.config import QualitySettings
 from sgslam.geometry.trajectory_errors import rmse_aligned
 from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
+from sgslam.session.soundness.standing_walls import walls_crossed
 
 Floats = NDArray[np.float64]
-_DOOR = 0.8  # m from the middle of a planned door, up to which the way leads through it
 _APART = 1.0  # m: crossings nearer to each other are of one wall, which has two faces
 
 
@@ -39,9 +38,15 @@ Quality = dict[str, Signal]
 
 
 def quality_of(
-    in_map: Trajectory, odometry: Trajectory, begins: list[int], walls_seen: list[int], uncertainty: ScanUncertainty,
-    lost: float, unplaced: float, settings: QualitySettings,
-) -> Quality:  # fmt: skip
+    in_map: Trajectory,
+    odometry: Trajectory,
+    begins: list[int],
+    walls_seen: list[int],
+    uncertainty: ScanUncertainty,
+    lost: float,
+    unplaced: float,
+    settings: QualitySettings,
+) -> Quality:
     """The signals of a run with these trajectories, at the same stamps, and numbers of walls seen from its keyframes.
     The odometry begins again at the scans `begins`. `lost` is the share of the scans that are lost, of those in parts
     that were not placed too; `unplaced` is the share of the scans in such parts.
@@ -55,26 +60,28 @@ def quality_of(
     way = float(np.linalg.norm(np.diff(in_map.positions, axis=0), axis=1).sum())
     sigma = np.linalg.norm(uncertainty.sigma[:, :3], axis=1)
     known = sigma[np.isfinite(sigma) & (uncertainty.anchored if uncertainty.anchored.any() else True)]
-    found = {
-        "map_against_odometry": _at_most(
-            _difference(in_map, odometry, begins) / max(way, 1.0), settings.map_against_odometry
-        ),
-        "lost_scans": _at_most(lost, settings.lost_scans),
-        "unplaced_scans": _at_most(unplaced, settings.unplaced_scans),
-        "keyframes_without_walls": _at_most(
-            float(np.mean([count == 0 for count in walls_seen])), settings.keyframes_without_walls
-        ),
-        "walls_per_keyframe": at_least(float(np.mean(walls_seen)), settings.walls_per_keyframe),
+    at_most = {
+        "map_against_odometry": _difference(in_map, odometry, begins) / max(way, 1.0),
+        "lost_scans": lost,
+        "unplaced_scans": unplaced,
+        "keyframes_without_walls": float(np.mean([count == 0 for count in walls_seen])),
     }
+    found = {name: _at_most(value, getattr(settings, name)) for name, value in at_most.items()}
+    found["walls_per_keyframe"] = at_least(float(np.mean(walls_seen)), settings.walls_per_keyframe)
     if len(known):
         found["position_sigma_m"] = _at_most(float(np.quantile(known, 0.95)), settings.position_sigma)
     return found
 
 
 def placed_signals(
-    quality: Quality, in_map: Trajectory, begins: list[int], uncertainty: ScanUncertainty, T_bim_map: Floats,
-    standing: SceneGraph, walls_looked_through: float,
-) -> dict[str, float]:  # fmt: skip
+    quality: Quality,
+    in_map: Trajectory,
+    begins: list[int],
+    uncertainty: ScanUncertainty,
+    T_bim_map: Floats,
+    standing: SceneGraph,
+    walls_looked_through: float,
+) -> dict[str, float]:
     """The signals of a map with a place in the plan that tell whether it is sound.
 
     Beside some of its quality, these are `plan_tilt_deg`, the angle between the verticals of plan and map, and of the
@@ -136,36 +143,3 @@ def _followed(anchored: NDArray[np.bool_], begins: list[int]) -> list[NDArray[np
     own = np.flatnonzero(anchored)
     cuts = np.flatnonzero((np.diff(own) > 1) | np.isin(own[1:], begins)) + 1
     return [piece for piece in np.split(own, cuts) if len(piece) > 1]
-
-
-def walls_crossed(way: Floats, a_graph: SceneGraph) -> Floats:
-    """(N, 2) where a way (M, 3) in the BIM frame leads through planned walls, elsewhere than at doors and openings."""
-    crossings = []
-    for storey, own in _by_storey(way, a_graph):
-        solid = [line for wall in a_graph.wall_surfaces if wall.floor == storey for line in _solid(wall)]
-        doors = shapely.MultiPoint([door.centroid for door in a_graph.doors])
-        steps = shapely.linestrings(np.stack([own[:-1, :2], own[1:, :2]], axis=1))
-        for k in np.unique(shapely.STRtree(solid).query(steps, predicate="intersects")[0]):
-            if not shapely.dwithin(doors, shapely.Point(own[k, :2]), _DOOR):  # False of a plan without doors
-                crossings.append(own[k, :2])
-    return np.reshape(crossings, (-1, 2))
-
-
-def _by_storey(way: Floats, a_graph: SceneGraph) -> Iterator[tuple[str | None, Floats]]:
-    """The pieces of a way (N, 3) on each storey: that whose floor is next below."""
-    floors = sorted((f.elevation, f.id) for f in a_graph.floors if f.elevation is not None)
-    if not floors:
-        yield None, way
-        return
-    level = np.searchsorted([elevation for elevation, _ in floors], way[:, 2], side="right") - 1
-    for piece in np.split(np.arange(len(way)), np.flatnonzero(np.diff(level)) + 1):
-        if len(piece) > 1:
-            yield floors[max(int(level[piece[0]]), 0)][1], way[piece]
-
-
-def _solid(wall: WallSurface) -> list[shapely.LineString]:
-    """The footprints (lines) of what stands along a planned surface, without its openings."""
-    if not wall.parts:
-        return [] if wall.length is None else [shapely.LineString(wall.ends())]
-    centre, left = np.array(wall.centroid), np.array([-wall.normal[1], wall.normal[0]])
-    return [shapely.LineString([centre + a * left, centre + b * left]) for _, a, b, _ in wall.parts if a != b]

@@ -1,6 +1,6 @@
 """How well the pose of each scan is known, and whether it is anchored."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +9,11 @@ from scipy.special import erf
 
 from data.common.files import write_atomically
 from data.trajectory.stamps import ns_to_seconds
-from sgslam.backend import Backend, Uncertainty
+from sgslam.backend import Uncertainty
 from sgslam.config import Config, OdometrySettings, QualitySettings
+from sgslam.session.active_map import ActiveMap
+from sgslam.session.prior_map import PriorMap
 from sgslam.session.scan_poses import ScanPose
-from sgslam.types import Health
 
 Floats = NDArray[np.float64]
 FILE = "trajectory_sigma.csv"
@@ -26,67 +27,49 @@ _HEADER = (
 
 
 @dataclass(frozen=True, eq=False)
-class ScanStates:
-    """Of N scans, in the order of their stamps.
-
-    `seconds` (N,) are those since the run's first scan. `lost` (N,): the scan did not fit the map, and its pose is
-    predicted. `part` (N,): 0 for the map, else the number of a part that was not placed in it and is laid at the last
-    known pose. `sigma` (N, 2): standard deviations (m) along x and y of the frame of the trajectory; NaN where they are
-    unknown.
-    """
-
-    seconds: NDArray[np.float64]
-    lost: NDArray[np.bool_]
-    part: NDArray[np.int64]
-    sigma: NDArray[np.float64]
-
-    @property
-    def known(self) -> NDArray[np.bool_]:
-        """(N,) whether the scan is neither lost nor in a part that was not placed."""
-        return ~self.lost & (self.part == 0)
-
-    def only(self, chosen: NDArray[np.bool_]) -> "ScanStates":
-        """The chosen (N,) scans."""
-        return ScanStates(self.seconds[chosen], self.lost[chosen], self.part[chosen], self.sigma[chosen])
-
-
-@dataclass(frozen=True, eq=False)
 class ScanUncertainty:
     """The uncertainty of each scan's pose, in the order of the scans' stamps (N,), in nanoseconds.
 
     `sigma` (N, 6): standard deviations along x, y, z (m) and about x, y, z (rad) in the trajectory's frame; NaN where
     they are unknown, as in a part whose scans are all lost. `part` (N,): 0 for the map, then a number for each submap
-    that was not relocalised, whose sigmas are in its own frame. `floor`: ids of the S-graph's floors, empty between two
-    floors. `probability` (N,): that the map's place in the building is right, and the pose's errors along and about all
-    axes are within the limits of the settings `quality`; 0 for lost scans and where the map has no place. `anchored`
-    (N,): whether that is as probable as the settings demand.
+    that was not relocalised, whose sigmas are in its own frame. `floor` (N,): ids of the S-graph's floors, empty
+    between two floors. `probability` (N,): that the map's place in the building is right, and the pose's errors along
+    and about all axes are within the limits of the settings `quality`; 0 for lost scans and where the map has no place.
+    `anchored` (N,): whether that is as probable as the settings demand. `health` (N,) is the tracker's verdict.
     """
 
     stamps_ns: NDArray[np.int64]
     sigma: Floats
     part: NDArray[np.int64]
-    floor: tuple[str, ...]
+    floor: NDArray[np.str_]
     probability: Floats
     anchored: NDArray[np.bool_]
-    health: tuple[Health, ...]
+    health: NDArray[np.str_]
 
     @staticmethod
     def joined(parts: "list[ScanUncertainty]") -> "ScanUncertainty":
         """All parts in the order of their stamps."""
-        stamps = np.concatenate([part.stamps_ns for part in parts])
-        order = np.argsort(stamps, kind="stable")
-        floors, health = ([own for part in parts for own in getattr(part, name)] for name in ("floor", "health"))
-        return ScanUncertainty(
-            stamps[order], np.concatenate([part.sigma for part in parts])[order],
-            np.concatenate([part.part for part in parts])[order], tuple(floors[k] for k in order),
-            np.concatenate([part.probability for part in parts])[order],
-            np.concatenate([part.anchored for part in parts])[order], tuple(health[k] for k in order),
-        )  # fmt: skip
+        whole = ScanUncertainty(*(np.concatenate([getattr(own, f.name) for own in parts]) for f in fields(parts[0])))
+        return whole.only(np.argsort(whole.stamps_ns, kind="stable"))
 
-    def states(self) -> ScanStates:
-        """What the report shows of the scans."""
-        seconds = (self.stamps_ns - self.stamps_ns[0]) / 1e9
-        return ScanStates(seconds, np.array([own == "lost" for own in self.health]), self.part, self.sigma[:, :2])
+    def only(self, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> "ScanUncertainty":
+        """The chosen scans, by a mask (N,) or by number."""
+        return ScanUncertainty(*(getattr(self, field.name)[chosen] for field in fields(self)))
+
+    @property
+    def seconds(self) -> Floats:
+        """(N,) since the first scan."""
+        return np.asarray((self.stamps_ns - self.stamps_ns[:1]) / 1e9)
+
+    @property
+    def lost(self) -> NDArray[np.bool_]:
+        """(N,) whether the scan did not fit the map, so that its pose is predicted."""
+        return np.asarray(self.health == "lost")
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """(N,) whether the scan is neither lost nor in a part that was not placed."""
+        return ~self.lost & (self.part == 0)
 
     def write_csv(self, path: Path) -> None:
         """Writes the file `trajectory_sigma.csv`; angles in degrees."""
@@ -101,27 +84,32 @@ class ScanUncertainty:
 
 
 def scan_uncertainty(
-    scans: list[ScanPose], run: slice, backend: Backend, uncertainty: Uncertainty | None, R_frame_map: Floats,
-    config: Config, part: int, place: float,
-) -> ScanUncertainty:  # fmt: skip
-    """The lines of a map's `run`, a slice of its scans, whose poses are in a frame turned by (3, 3). `place`: the
-    probability that the map's place in the building is right; 0 without a place.
+    final: ActiveMap | PriorMap,
+    begin: int,
+    uncertainty: Uncertainty | None,
+    T_bim_map: Floats | None,
+    config: Config,
+    part: int = 0,
+) -> ScanUncertainty:
+    """Of a map's scans from number `begin` on, along the axes of the building where the map's place T_bim_map (4, 4) is
+    known, else of the map.
 
     A pose is as uncertain as the keyframes around it, what it was tracked worse than the one before, its own noise, and
     what a step between the two errs on the way: a Brownian bridge.
     """
     # a part that joined the map late may be from before the others
-    own, keyframes = sorted(scans[run], key=lambda scan: scan.stamp_ns), backend.keyframes
+    own, keyframes = sorted(final.scans[begin:], key=lambda scan: scan.stamp_ns), final.backend.keyframes
+    R_frame_map = np.eye(3) if T_bim_map is None else T_bim_map[:3, :3]
     stamps = np.array([scan.stamp_ns for scan in own], dtype=np.int64)
     floors = [keyframes[scan.keyframe].storey for scan in own]
-    sigma, is_lost = np.full((len(own), 6), np.nan), np.array([scan.health == "lost" for scan in own])
+    named = np.array(["" if floor is None else f"floor-{floor}" for floor in floors])
+    sigma, health = np.full((len(own), 6), np.nan), np.array([scan.health for scan in own])
+    is_lost = health == "lost"
     if uncertainty is not None and not is_lost.all():
-        sigma[:] = np.sqrt(_variances(scans, own, backend, uncertainty, R_frame_map, config.odometry))
-    probability = place * ~is_lost * probability_within(sigma, _limits(config.quality))
-    return ScanUncertainty(
-        stamps, sigma, np.full(len(own), part), tuple("" if floor is None else f"floor-{floor}" for floor in floors),
-        probability, probability >= config.quality.anchored_probability, tuple(scan.health for scan in own),
-    )  # fmt: skip
+        sigma[:] = np.sqrt(_variances(final, own, uncertainty, R_frame_map, config.odometry))
+    probability = (T_bim_map is not None) * ~is_lost * probability_within(sigma, _limits(config.quality))
+    anchored, part_of = probability >= config.quality.anchored_probability, np.full(len(own), part)
+    return ScanUncertainty(stamps, sigma, part_of, named, probability, anchored, health)
 
 
 def probability_within(sigma: Floats, limits: Floats) -> Floats:
@@ -136,7 +124,7 @@ def probability_within(sigma: Floats, limits: Floats) -> Floats:
 
 def what_is_not_anchored(own: ScanUncertainty) -> str:
     """The scans without an anchored pose, counted by cause; empty where there are none."""
-    lost, apart = np.array([health == "lost" for health in own.health]), own.part > 0
+    lost, apart = own.lost, own.part > 0
     counts = {
         "are lost": lost,
         "are in parts that were not placed": apart & ~lost,
@@ -151,41 +139,41 @@ def _limits(settings: QualitySettings) -> Floats:
     return np.repeat([settings.anchored_position, np.radians(settings.anchored_attitude)], 3)
 
 
-def why_none_is_anchored(own: ScanUncertainty, settings: QualitySettings, place: float) -> str:
-    """One line, of a map that fits the plan at one place, which is right with the probability `place`. With the
-    settings that it names, 95 % of the scans that are not lost are anchored."""
-    known = own.sigma[[health != "lost" for health in own.health]]
+def why_none_is_anchored(own: ScanUncertainty, settings: QualitySettings) -> str:
+    """One line, of a map that fits the plan at one place. With the settings that it names, 95 % of the scans that are
+    not lost are anchored."""
+    known = own.sigma[~own.lost]
     if not len(known):
         return "the map fits the plan, but every scan is lost"
     sigma = np.quantile(known, _MOST_SCANS, axis=0)
     if not np.isfinite(sigma).all():
         return "the map fits the plan, but the uncertainty of its poses cannot be computed"
-    least, limits, accepting = settings.anchored_probability, _limits(settings), {}
+    limits, accepting = _limits(settings), {}
     worst = int(np.argmax(sigma / limits))
     what = ("position along x", "position along y", "height", "roll", "pitch", "heading")[worst]
     known_to = f"{sigma[worst]:.2f} m" if worst < 3 else f"{np.degrees(sigma[worst]):.2f} degrees"
-    why = f"its {what} is too uncertain: the standard deviation is {known_to}"
-    if place < least:
-        why = f"the probability that its place is right is {place:.3g}"
-        accepting["anchored_probability"] = least = float(f"{0.98 * place:.3g}")
-    while np.mean(place * probability_within(known, limits) >= least) < _MOST_SCANS:
+    while np.mean(probability_within(known, limits) >= settings.anchored_probability) < _MOST_SCANS:
         group = int(np.argmax(sigma / limits)) // 3
         limits[3 * group : 3 * group + 3] *= 1.1  # until they suffice
         name, limit = (("anchored_position", limits[0]), ("anchored_attitude", np.degrees(limits[3])))[group]
         accepting[name] = float(np.ceil(10 * limit) / 10)
     advice = " ".join(f"--set quality.{name}={value}" for name, value in accepting.items())
+    why = f"its {what} is too uncertain: the standard deviation is {known_to}"
     return f"the map fits the plan, but {why}; {advice} accepts that"
 
 
 def _variances(
-    scans: list[ScanPose], own: list[ScanPose], backend: Backend, uncertainty: Uncertainty, R_frame_map: Floats,
+    final: ActiveMap | PriorMap,
+    own: list[ScanPose],
+    uncertainty: Uncertainty,
+    R_frame_map: Floats,
     settings: OdometrySettings,
-) -> Floats:  # fmt: skip
+) -> Floats:
     """(N, 6) along and about the axes of the frame."""
-    keyframes = backend.keyframes
+    scans, keyframes = final.scans, final.backend.keyframes
     used = np.array(sorted({scan.keyframe for scan in own}, key=lambda k: keyframes[k].stamp_ns))
     chosen = used[np.unique(np.linspace(0, len(used) - 1, min(len(used), _MOST)).astype(int))]
-    R_frame_keyframe = R_frame_map @ backend.poses[:, :3, :3]
+    R_frame_keyframe = R_frame_map @ final.backend.poses[:, :3, :3]
     known = _along_axes(uncertainty.pose_covariances(chosen.tolist()), R_frame_keyframe[chosen])
     began = own[0].stamp_ns
     at = np.array([keyframes[k].stamp_ns - began for k in chosen], dtype=np.float64)
@@ -202,25 +190,24 @@ def _variances(
     return np.asarray(variances + alone + (share * (1 - share))[:, None] * step)
 
 
-def live_sigma(
-    scans: list[ScanPose], T_map_sensor: Floats, covariance: Floats, backend: Backend, R_frame_map: Floats,
-    settings: OdometrySettings,
-) -> Floats:  # fmt: skip
+def live_sigma(known: ActiveMap, T_map_sensor: Floats, covariance: Floats, settings: OdometrySettings) -> Floats:
     """(6,) the standard deviations of the newest pose (4, 4), tracked with a covariance (6, 6), along (m) and about
-    (rad) the axes of a frame to which (3, 3) turns the map; NaN before the first optimisation.
+    (rad) the axes of the building where the map is anchored, else of the map; NaN before the first optimisation.
 
     The pose is as uncertain as the newest keyframe of that optimisation, and what it was tracked worse since then.
     """
+    backend, T_bim_map = known.backend, known.T_bim_map
     newest, uncertainty = backend.newest_in_optimum, backend.uncertainty()
+    R_frame_map = np.eye(3) if T_bim_map is None else T_bim_map[:3, :3]
     if newest is None or uncertainty is None:
         return np.full(6, np.nan)
     keyframe, steps = backend.keyframes[newest], len(backend.keyframes) - 1 - newest
     R_frame_keyframe = (R_frame_map @ keyframe.T_map_sensor[:3, :3])[None]
-    known = _along_axes(uncertainty.pose_covariances([newest]), R_frame_keyframe)
-    before = _along_axes(scans[keyframe.scan].covariance[None], R_frame_keyframe)
+    optimised = _along_axes(uncertainty.pose_covariances([newest]), R_frame_keyframe)
+    before = _along_axes(known.scans[keyframe.scan].covariance[None], R_frame_keyframe)
     tracked = _along_axes(covariance[None], (R_frame_map @ T_map_sensor[:3, :3])[None])
     step = np.repeat([settings.sigma_translation, settings.sigma_rotation], 3) ** 2
-    return np.asarray(np.sqrt(known + np.maximum(tracked - before, _OWN * tracked) + steps * step)[0])
+    return np.asarray(np.sqrt(optimised + np.maximum(tracked - before, _OWN * tracked) + steps * step)[0])
 
 
 def _along_axes(covariances: Floats, R: Floats) -> Floats:

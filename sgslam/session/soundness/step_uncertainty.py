@@ -4,20 +4,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.config import OdometrySettings
-from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
 _DOUBLED = 2.0  # variance relative to that of other odometries' steps, from which on a step is weak
 
 
-class StepUncertainty(Stateful):
+class StepUncertainty:
     """Compares the covariances (6, 6) of the poses of one keyframe after another: rotation first, sensor axes.
 
     The covariance of a pose against the odometry's map grows while nothing constrains it, along a bare corridor, and
     shrinks where it is found again: the step is as uncertain as the two differ, besides what every step errs.
     """
-
-    _STATE = ("_last", "_stated")
 
     def __init__(self, settings: OdometrySettings) -> None:
         self._own = np.repeat([settings.sigma_rotation, settings.sigma_translation], 3)

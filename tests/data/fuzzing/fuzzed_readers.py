@@ -114,8 +114,8 @@ def _network(_: Path) -> list[bytes]:
 
 
 def _state(folder: Path) -> list[bytes]:
-    write_state(folder / "a.npz", {"run": 1}, {"points": np.eye(3), "list": [1, 2.5, "x", (1, None)]}, {})
-    return [(folder / "a.npz").read_bytes()]
+    write_state(folder / "a.bin", {"run": 1}, {"map": b"points", "tracking": b""})
+    return [(folder / "a.bin").read_bytes()]
 
 
 SETTINGS = (save_config(Config()).encode(), b"odometry: {voxel_size: 0.4}\nkeyframes:\n  distance: 0.5\n")
@@ -150,7 +150,7 @@ def _all() -> Iterator[Reader]:
     )
     yield Reader("settings", ".yaml", lambda _: [*SETTINGS], lambda path: load_config(path, []), 0.3)
     yield Reader("network", ".onnx", _network, LearnedProposer.load, 0.5)
-    yield Reader("state", ".npz", _state, lambda path: read_state(path, {}), 0.5, "zip")
+    yield Reader("state", ".bin", _state, read_state, 0.5)
 
 
 READERS = tuple(_all())

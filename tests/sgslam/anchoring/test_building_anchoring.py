@@ -1,5 +1,6 @@
 """All floors of a building share one place: a map on two floors, of equal rooms, and plans of two and three storeys."""
 
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -53,8 +54,7 @@ def test_floors_that_are_ambiguous_alone_are_placed_together(third: float, place
         own.update()
     both = [base, "storey 1"] if placed else [None, None]
     assert own.storeys == both and list(own.answer()["floors"]) == ["floor-0", "floor-1"][: 1 + placed]
-    again = Anchored(storeys(0.0, third, 0.0), two_floors())
-    again.anchoring.restore(own.anchoring.state())
+    again = deepcopy(own)
     for state in (own, again):  # each floor alone is as ambiguous as before
         assert state.anchoring.confirm(state.floors, state.T_map_local) and state.storeys == both
         state.update()

@@ -140,4 +140,4 @@ def test_a_closure_that_the_others_contradict_is_given_up() -> None:
     backend.closures += [*right, closure(0, last - 1, -3.0)]
     backend.optimise([], [], [], None, steps=20)
     gone = closer.contradicted(backend.keyframes)
-    assert [c.T_earlier_later[0, 3] for c, _ in gone] == [-3.0] and backend.closures == right
+    assert [c.T_earlier_later[0, 3] for c in gone] == [-3.0] and backend.closures == right

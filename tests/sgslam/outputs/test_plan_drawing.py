@@ -130,7 +130,8 @@ def test_of_a_long_run_little_is_drawn_and_no_peak_is_lost(data: ReportData) -> 
     assert len(svg) < 80_000 and "nan" not in svg and "inf" not in svg
     assert re.search(r"(79|80)\d\.\d mm", error_lines(run)[1].summary())
     assert run.scans is not None
-    lost = replace(run, scans=replace(run.scans, lost=np.arange(len(chosen)) == 12_345))
+    health = np.where(np.arange(len(chosen)) == 12_345, "lost", "good")
+    lost = replace(run, scans=replace(run.scans, health=health))
     (grey,) = plan_drawing(lost).paths["lost"]
     assert 2 <= len(grey.points) <= 3  # one lost scan is seen
     assert len(plan_drawing(run).paths["trajectory"][0].points) == MAX_VERTICES

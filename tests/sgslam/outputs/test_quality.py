@@ -3,7 +3,6 @@
 import re
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,9 +14,9 @@ from data.trajectory import Trajectory
 from sgslam.anchoring.soundness import Soundness, shipped
 from sgslam.config import QualitySettings
 from sgslam.config.loading import load_config
-from sgslam.session.soundness.quality import Quality, contradiction, placed_signals, quality_of, walls_crossed
+from sgslam.session.soundness.quality import Quality, contradiction, placed_signals, quality_of
 from sgslam.session.soundness.scan_uncertainty import ScanUncertainty, what_is_not_anchored
-from sgslam.session.soundness.standing_walls import seen_parts
+from sgslam.session.soundness.standing_walls import seen_parts, walls_crossed
 
 SCANS = 100
 WALL = WallSurface("w", None, (5.0, 0.0), (1.0, 0.0), 4.0)
@@ -38,9 +37,9 @@ def trajectory(positions: Array) -> Trajectory:
 def known(deviations: Array, anchored: NDArray[np.bool_], cause: int | NDArray[np.int64] = 0) -> ScanUncertainty:
     """`cause` why a scan is not anchored: 1 it is lost, 2 it is in another part."""
     n, why = len(deviations), np.broadcast_to(cause, len(deviations))
-    health: Any = tuple("lost" if c == 1 else "good" for c in why)
+    health = np.where(why == 1, "lost", "good")
     return ScanUncertainty(
-        np.arange(n), deviations, (why == 2).astype(np.int64), ("",) * n, anchored.astype(float), anchored, health
+        np.arange(n), deviations, (why == 2).astype(np.int64), np.full(n, ""), anchored.astype(float), anchored, health
     )
 
 

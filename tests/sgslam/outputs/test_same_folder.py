@@ -18,7 +18,7 @@ from sgslam.session import PriorMap
 from sgslam.slam import SceneGraphSlam
 
 pytestmark = pytest.mark.slow
-TIMED = {"metrics.json", "matches.json", "report.html", "elements.xlsx", "state.npz", "run.log"}
+TIMED = {"metrics.json", "matches.json", "report.html", "elements.xlsx", "state.bin", "run.log"}
 # the truth, which the command was given, is drawn too
 TIMED |= {"plan.png"}
 TOPICS = {"deviations.bcf", "deviations_3.0.bcf"}

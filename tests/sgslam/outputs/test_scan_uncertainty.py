@@ -4,7 +4,8 @@ import csv
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import cast
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,6 @@ from sgslam.session.soundness.scan_uncertainty import (
     scan_uncertainty,
     why_none_is_anchored,
 )
-from sgslam.types import Health
 
 LIMITS = np.array([0.5, 0.5, 0.5, *np.radians([5.0, 5.0, 5.0])])  # m and rad, the default settings
 DEFAULT = QualitySettings()
@@ -35,7 +35,7 @@ def run() -> Run:
 
 
 def told(
-    run: Run, settings: QualitySettings = DEFAULT, lost: range = range(0), place: float = 1.0, known: bool = True
+    run: Run, settings: QualitySettings = DEFAULT, lost: range = range(0), placed: bool = True, known: bool = True
 ) -> ScanUncertainty:
     """Of a run with a scan for each keyframe."""
     scans = [
@@ -43,8 +43,8 @@ def told(
         for i, k in enumerate(run.backend.keyframes)
     ]
     uncertainty: Uncertainty | None = run.backend.uncertainty() if known else None
-    config = Config(quality=settings)
-    return scan_uncertainty(scans, slice(None), run.backend, uncertainty, np.eye(3), config, 0, place)
+    own: Any = SimpleNamespace(scans=scans, backend=run.backend)
+    return scan_uncertainty(own, 0, uncertainty, np.eye(4) if placed else None, Config(quality=settings))
 
 
 def test_the_probability_is_that_of_tables_of_the_normal_distribution() -> None:
@@ -71,10 +71,8 @@ def test_lost_and_unknown_scans_and_those_without_a_place_have_no_probability(ru
     some = told(run, lost=range(5, 20))
     assert np.flatnonzero(some.probability == 0.0).tolist() == list(range(5, 20))
     assert some.anchored.tolist() == (some.probability > 0).tolist()
-    for own in (told(run, place=0.0), told(run, known=False), told(run, lost=range(60))):
+    for own in (told(run, placed=False), told(run, known=False), told(run, lost=range(60))):
         assert not own.probability.any() and not own.anchored.any()
-    np.testing.assert_allclose(told(run, place=0.9).probability, 0.9 * sound.probability)
-    assert told(run, place=0.995).anchored.all() and not told(run, place=0.985).anchored.any()
 
 
 def test_a_scan_is_anchored_from_the_least_probability_on(run: Run) -> None:
@@ -89,7 +87,8 @@ def test_a_scan_is_anchored_from_the_least_probability_on(run: Run) -> None:
 
 
 def test_the_file_has_the_probability_of_each_scan_in_the_order_of_stamps(run: Run, tmp_path: Path) -> None:
-    late, early = told(run, place=0.98765), told(run)
+    early = told(run)
+    late = replace(early, probability=np.full(60, 0.98765), anchored=np.zeros(60, dtype=np.bool_))
     early = replace(early, stamps_ns=early.stamps_ns - 10**11)
     joined = ScanUncertainty.joined([late, early])
     joined.write_csv(tmp_path / "sigma.csv")
@@ -107,23 +106,23 @@ def spread(*largest: float) -> Array:
 
 
 @pytest.mark.parametrize(
-    ("sigma", "place", "named"),
+    ("sigma", "named"),
     [
-        (spread(0.01, 0.01, 2.3, 0.1, 0.1, 0.1), 1.0, {"anchored_position"}),
-        (spread(0.6, 0.5, 0.6, 0.1, 0.1, 0.1), 1.0, {"anchored_position"}),
-        (spread(0.01, 0.01, 0.01, 0.1, 0.1, 12.0), 1.0, {"anchored_attitude"}),
-        (spread(0.01, 0.9, 0.9, 0.1, 7.0, 8.0), 1.0, {"anchored_position", "anchored_attitude"}),
-        (spread(0.01, 0.01, 0.01, 0.1, 0.1, 0.1), 0.97, {"anchored_probability"}),
-        (spread(0.01, 0.01, 0.9, 0.1, 0.1, 0.1), 0.004, {"anchored_probability", "anchored_position"}),
+        (spread(0.01, 0.01, 2.3, 0.1, 0.1, 0.1), {"anchored_position"}),
+        (spread(0.6, 0.5, 0.6, 0.1, 0.1, 0.1), {"anchored_position"}),
+        (spread(0.01, 0.01, 0.01, 0.1, 0.1, 12.0), {"anchored_attitude"}),
+        (spread(0.01, 0.9, 0.9, 0.1, 7.0, 8.0), {"anchored_position", "anchored_attitude"}),
     ],
 )
-def test_what_is_advised_anchors_most_scans(sigma: Array, place: float, named: set[str]) -> None:
+def test_what_is_advised_anchors_most_scans(sigma: Array, named: set[str]) -> None:
     n = len(sigma)
-    parts, health = np.zeros(n, dtype=np.int64), cast(tuple[Health, ...], ("good",) * n)
-    own = ScanUncertainty(parts, sigma, parts, ("",) * n, np.zeros(n), np.zeros(n, dtype=np.bool_), health)
-    advised = re.findall(r"--set (quality\.(\w+)=\S+)", why_none_is_anchored(own, DEFAULT, place))
+    parts = np.zeros(n, dtype=np.int64)
+    own = ScanUncertainty(
+        parts, sigma, parts, np.full(n, ""), np.zeros(n), np.zeros(n, dtype=np.bool_), np.full(n, "good")
+    )
+    advised = re.findall(r"--set (quality\.(\w+)=\S+)", why_none_is_anchored(own, DEFAULT))
     assert {name for _, name in advised} == named
     taken = load_config(None, [pair for pair, _ in advised]).quality
     limits = np.array([taken.anchored_position] * 3 + [np.radians(taken.anchored_attitude)] * 3)
-    anchored = place * probability_within(sigma, limits) >= taken.anchored_probability
+    anchored = probability_within(sigma, limits) >= taken.anchored_probability
     assert anchored.mean() >= 0.95

@@ -12,7 +12,7 @@ from sgslam.anchoring.soundness import SoundnessModel, shipped
 from sgslam.config import AnchorSettings
 from sgslam.mapping import KeyframeClouds
 from sgslam.session.place_report import PlaceReport
-from sgslam.session.soundness.free_space import share_looked_through
+from sgslam.session.soundness.standing_walls import share_looked_through
 
 MODEL = SoundnessModel(
     sound={"plan_tilt_deg": (float(np.log(0.1)), 0.5), "planned_walls_crossed": (0.1, 0.1)},
@@ -72,9 +72,9 @@ def test_sliding_doors_are_forgiven_and_a_warped_map_is_not() -> None:
 
 def test_a_report_of_a_place_is_of_the_best_one_and_whether_the_map_is_sound_there() -> None:
     places = tuple(Place((0.0, 1.0, 2.0), floor, p) for floor, p in (("eg", 0.8), ("og", 0.1)))
-    signals, nothing = TYPICAL | {"planned_walls_crossed": 1.0}, PlaceReport.of(PlacePosterior()).to_dict()
+    signals, nothing = TYPICAL | {"planned_walls_crossed": 1.0}, PlaceReport(PlacePosterior()).to_dict()
     sound = shipped().judged(signals)
-    told = PlaceReport.of(PlacePosterior(places, 0.06), sound, signals, SENSOR).to_dict()
+    told = PlaceReport(PlacePosterior(places, 0.06), sound, signals, SENSOR).to_dict()
     assert told["probability"] == pytest.approx(0.8 * sound.probability) and told["sound"] == sound.probability
     assert (told["storey"], told["runner_up"], told["runner_up_storey"]) == ("eg", 0.1, "og")
     assert told["outside"] == pytest.approx(0.04) and told["mirrored"] == 0.06 and told["T_bim_map"][:2] == [2.0, 1.5]

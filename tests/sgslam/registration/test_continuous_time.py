@@ -61,7 +61,7 @@ def test_a_hand_is_followed_to_centimetres_with_the_points_times(drive: Drive) -
 @pytest.mark.parametrize("kind", ["order", "snapshot"])
 def test_what_scans_without_times_are_is_found_also_for_results_held_back(drive: Drive, kind: Kind) -> None:
     scans = [scan.points for scan in drive[0]] if kind == "order" else [*bow()[0], *bow()[0][::-1]] * 2
-    odometry, alone = (TimedOdometry(lambda: ContinuousTimeOdometry(TrackingSettings()), k) for k in ("auto", kind))
+    odometry, alone = (TimedOdometry(TrackingSettings(point_times=k)) for k in ("auto", kind))
     odometry.hold()
     alone.hold()
     for count, points in enumerate(scans, 1):
@@ -89,8 +89,7 @@ def standing(drive: Drive) -> Standing:
 )
 def test_a_pause_in_the_scans_counts_as_lost(standing: Standing, pause: float, waits: bool, is_new_part: bool) -> None:
     """Even if the sensor seems to stand where it stood: it may be in another room that looks the same."""
-    tracker, points = RunTracker(Config()), standing[1]
-    tracker.restore(deepcopy(standing[0].state()))
+    tracker, points = deepcopy(standing)
     stamps = [round((5.9 + pause + k / 10) * 1e9) for k in range(20)]
     found = [own for stamp in stamps for own in tracker.track(stamp, points, np.zeros(len(points)))]
     is_held = tracker.held is not None

@@ -112,13 +112,12 @@ def driven() -> Driven:
     odometry.level(np.array([0.0, 0.0, 1.0]))
     covered = np.random.default_rng(0).uniform(0.4, 0.8, (2000, 3))
     assert odometry.register(25 * SCAN_NS, covered).health == "lost"
-    return found, odometry.state()
+    return found, odometry
 
 
 @pytest.mark.parametrize(("x", "y", "yaw", "near"), [(2.5, 2.9, -1.2, True), (3.3, 1.6, -1.2, True), (12, 2, 0, False)])
 def test_a_lost_sensor_is_found_again_near_by_only(driven: Driven, x: float, y: float, yaw: float, near: bool) -> None:
-    lost, other = ContinuousTimeOdometry(TrackingSettings()), ContinuousTimeOdometry(TrackingSettings())
-    lost.restore(deepcopy(driven[1]))
+    lost, other = deepcopy(driven[1]), ContinuousTimeOdometry(TrackingSettings())
     scene = scene_of([*FURNISHED, *room(11, 0, 14, 9), (12, 5, 0, 13, 6, 1.2)])
     after = [pose(x + 0.03 * k, y, 0.9, yaw + 0.02 * k, 0.1, 0.1) for k in range(8)]
     scans = [scan(scene, T, seed=50 + k) for k, T in enumerate(after)]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from boxes import Array, pose
 from scipy.spatial.transform import Rotation
-from walks import SCAN_NS, furnished, step_errors, swept
+from walks import SCAN_NS, from_file, furnished, step_errors, swept
 
 from data.imu import ImuSamples
 from data.simulation.imu import ImuModel, measured
@@ -186,8 +186,7 @@ def compared(other: Other, moves: bool = True) -> ClockOffset:
         R = hand(np.array([second]))[0, :3, :3] if moves else np.eye(3)
         error = Rotation.from_rotvec(rng.normal(0.0, 0.0009, 3)).as_matrix()
         clock.add(round(1e9 * second), R @ error, other, "the IMU")
-        state, clock = clock.state(), ClockOffset()
-        clock.restore(state)
+        clock = from_file(clock)
     return clock
 
 

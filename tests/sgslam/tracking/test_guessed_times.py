@@ -14,7 +14,6 @@ from data.scans.point_times import Stamped
 from data.simulation import SpinningSensor
 from data.simulation.sensors import sensor_named
 from sgslam.config import TrackingSettings
-from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.odometry.timed import Kinds, TimedOdometry
 from sgslam.perception.point_times import guessed_times
 
@@ -154,7 +153,7 @@ def test_real_scans_whose_points_were_thinned_by_voxels_are_snapshots() -> None:
 
 def timed(first: Array, kind: Kinds = "order", stamped: Stamped = "start") -> TimedOdometry:
     """An odometry that has seen one scan."""
-    odometry = TimedOdometry(lambda: ContinuousTimeOdometry(TrackingSettings()), kind, stamped)
+    odometry = TimedOdometry(TrackingSettings(point_times=kind, stamp=stamped))
     odometry.register(10**9, first)
     return odometry
 

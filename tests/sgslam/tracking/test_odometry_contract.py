@@ -8,7 +8,7 @@ import pytest
 from boxes import Array, pose, scan, scene_of
 from commands import called
 from drives import small_drive
-from odometries import LIMITS, make, registered
+from odometries import LIMITS, Followed, make, registered
 from walks import SCAN_NS, SENSOR, bow, circle, from_file, furnished, off, rolling, step_errors
 
 from data import UserError
@@ -51,9 +51,9 @@ def test_the_true_steps_are_recovered(method: str) -> None:
 def test_one_that_is_restored_goes_on_alike_bit_by_bit(method: str) -> None:
     scans, truth = bow()
     whole = [result.T_odom_sensor.tobytes() for result in drive(method)]
-    first, again = make(method, truth), make(method, truth)
+    first = make(method, truth)
     begun = [first.register(i * SCAN_NS, points) for i, points in enumerate(scans[:12])]
-    again.restore(from_file(first.state()))
+    again = first.restored() if isinstance(first, Followed) else from_file(first)
     begun += [again.register(i * SCAN_NS, points) for i, points in enumerate(scans[12:], 12)]
     assert [result.T_odom_sensor.tobytes() for result in begun] == whole
 
@@ -128,8 +128,7 @@ def test_outliers_and_slips_of_given_poses_are_ignored(
     for i, T in enumerate(truth):
         poses.add(i * SCAN_NS, T_shift @ T if i in wrong else T)
         found.append(poses.newest(None))
-        state, poses = from_file(poses.state()), GivenMotion(OdometrySettings())
-        poses.restore(state)
+        poses = from_file(poses)
     assert [i for i, result in enumerate(found) if result.health == "lost"] == lost
     assert max(off(result.T_odom_sensor, T)[0] for result, T in zip(found, truth, strict=True)) < 0.05
     assert caplog.text.count("an outlier") == 1

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 from boxes import Array, pose, scan
-from walks import SCAN_NS, two_rooms
+from walks import SCAN_NS, from_file, two_rooms
 
 from data import UserError
 from sgslam.config import Config, OdometrySettings
@@ -29,12 +29,6 @@ class Recorded:
         self.stamps.append(stamp_ns)
         return pose(100.0, -50.0, 3.0, 2.0) @ self.poses[stamp_ns // SCAN_NS]
 
-    def state(self) -> dict[str, Any]:
-        return {"stamps": self.stamps}
-
-    def restore(self, state: Any) -> None:
-        self.stamps = state["stamps"]
-
 
 @pytest.mark.slow
 @pytest.mark.parametrize("given", ["exact", "measured"])
@@ -45,9 +39,7 @@ def test_an_odometry_of_the_caller_gets_each_scan_once_and_its_poses_are_given_o
     tracker, steps = RunTracker(config, odometry), list[TrackedScan]()
     for k, points in enumerate(scans):
         if k == 25:
-            state, odometry = deepcopy(tracker.state()), Recorded(poses)
-            tracker = RunTracker(config, odometry)
-            tracker.restore(state)
+            tracker, odometry = deepcopy((tracker, odometry))
         steps += tracker.track(k * SCAN_NS, points, [0.0] * len(points))  # type: ignore[arg-type]
     with pytest.raises(UserError, match="has a T_odom_sensor, unlike those before"):
         tracker.track(len(scans) * SCAN_NS, points, T_odom_sensor=np.eye(4))
@@ -88,8 +80,7 @@ def test_poses_for_some_scans_are_measured_or_refused_and_odom_never_jumps(with_
             continue
         kept.append(k)
         if k > 20 and len(trackers) == 1:
-            trackers.append(RunTracker(config))
-            trackers[1].restore(deepcopy(trackers[0].state()))
+            trackers.append(from_file(trackers[0]))
         for tracker, own in zip(trackers, steps, strict=False):
             own += tracker.track(k * SCAN_NS, *arguments)
     found, again = ([*own, *tracker.release()] for tracker, own in zip(trackers, steps, strict=True))
@@ -118,10 +109,10 @@ def test_a_refused_scan_may_come_again(name: str, bad: Callable[[Array], Any], g
     for k, (T, points) in enumerate(zip(*(found[:6] for found in way()), strict=True)):
         good = {"point_times": np.zeros(len(points)), "T_odom_sensor": T}
         if bad(points) is not None or (k > 0 and given == "exact"):
-            before, arguments = deepcopy(tracker.state()), {**good, name: bad(points)}
+            before, arguments = deepcopy(tracker), {**good, name: bad(points)}
             with pytest.raises(UserError, match=f"scan at {k * SCAN_NS} ns"):
                 tracker.track(k * SCAN_NS, points, **arguments)
-            np.testing.assert_equal(tracker.state()["motion"]["given"], before["motion"]["given"])
-            assert tracker.newest_ns == before["newest_ns"]
+            np.testing.assert_equal(vars(tracker.motion.given), vars(before.motion.given))
+            assert tracker.newest_ns == before.newest_ns
         tracker.track(k * SCAN_NS, points, **good)
     assert len(tracker.release()) == 6
