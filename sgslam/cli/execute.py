@@ -92,21 +92,21 @@ def _print_summary(metrics: dict[str, Any], out: Path) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from sgslam.report.tables import accuracy_rows, badge, known_rows, place_rows, relocalised, stages_and_total
+    from sgslam.report import tables
 
-    table = Table(show_header=False, title=badge(metrics))
+    table = Table(show_header=False, title=tables.badge(metrics))
     rows = {"reason": metrics["reason"], "quality of the map": _quality(metrics["quality"])}
-    rows |= dict(place_rows(metrics)) | dict(known_rows(metrics))
+    rows |= dict(tables.place_rows(metrics)) | dict(tables.known_rows(metrics))
     rows["scans"] = f"{metrics['scans']} ({metrics['scans_skipped']} skipped), {metrics['keyframes']} keyframes"
-    rows["tracking"] = ", ".join(f"{count} {health}" for health, count in metrics["tracked"].items())
+    rows["tracking"] = tables.tracking(metrics["tracked"])
     floors = "1 floor" if metrics["floors"] == 1 else f"{metrics['floors']} floors"
     rows["map"] = f"{floors}, {metrics['rooms']} rooms, {metrics['wall_surfaces']} wall surfaces"
     if (outcome := metrics["returned"]) is not None:
-        rows["relocalisation"] = relocalised(outcome)
+        rows["relocalisation"] = tables.relocalised(outcome)
     if metrics["first_anchor_s"] is not None:
         rows["first anchor"] = f"{metrics['first_anchor_s']:.1f} s after the start"
-    rows |= dict(accuracy_rows(metrics.get("accuracy", {})))
-    times = ", ".join(f"{name} {value:.1f}" for name, value in stages_and_total(metrics).items())
+    rows |= dict(tables.accuracy_rows(metrics.get("accuracy", {})))
+    times = ", ".join(f"{name} {value:.1f}" for name, value in tables.stages_and_total(metrics).items())
     rows["time"] = f"{times} s (without the report)"
     for name, value in rows.items():
         table.add_row(name, value)

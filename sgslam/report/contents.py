@@ -13,7 +13,7 @@ from sgslam.geometry.frames import se2_to_se3
 from sgslam.session.soundness.scan_uncertainty import ScanStates
 
 Array = NDArray[np.float64]
-ENTERED_M = 1.0  # path length in a room from which on it counts as entered, not just looked into
+_ENTERED_M = 1.0  # path length in a room from which on it counts as entered, not just looked into
 BESIDE_GAP_M = 3.0  # gap between the plan and a map of unknown place
 
 
@@ -93,13 +93,15 @@ def _on_floor(data: ReportData, floor: Floor, stamps: NDArray[np.int64], on: NDA
     storeys, ours = matches.get("floors"), there(data.trajectory_map)
     storey = (storeys or {}).get(floor.id, matches.get("floor"))
     return replace(
-        data, s_graph=data.s_graph.on_floor(floor.id), matches={**matches, "floor": storey} if matches else None,
+        data,
+        s_graph=data.s_graph.on_floor(floor.id),
+        matches={**matches, "floor": storey} if matches else None,
         trajectory_map=data.trajectory_map.only(ours),
         scans=None if data.scans is None else data.scans.only(ours),
         trajectory_odometry=data.trajectory_odometry.only(there(data.trajectory_odometry)),
         truth=None if data.truth is None else data.truth.only(there(data.truth)),
         placed=storeys is None or floor.id in storeys,
-    )  # fmt: skip
+    )
 
 
 def current_storey(data: ReportData) -> Floor | None:
@@ -143,7 +145,7 @@ def entered_unmatched(data: ReportData) -> list[tuple[str | None, str]]:
         inside = _inside(room, in_bim)
         if room.id in matched or (floor is not None and room.floor != floor.id) or inside is None:
             continue
-        if inside.mean() * path_length(on_map) >= ENTERED_M:
+        if inside.mean() * path_length(on_map) >= _ENTERED_M:
             shared = {s: int((inside & own).sum()) for s, own in mapped.items()}
             most = max(shared, key=shared.__getitem__, default=None)
             found.append((most if most is not None and shared[most] else None, room.id))

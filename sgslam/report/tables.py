@@ -4,18 +4,20 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from data.geometry.poses import poses_to_xyzquat
-from sgslam.as_built.deviation_bands import degrees, signed_mm
+from sgslam.as_built.deviation_bands import MINUS, degrees, signed_mm
 from sgslam.report.contents import ReportData, entered_unmatched, path_length, split_by_floor
 from sgslam.report.elements import element_name
-from sgslam.report.hypothesis_plans import hypothesis_texts
 from sgslam.report.number_formats import NOTHING, metres, percent, seconds, signal_texts, thousands
 from sgslam.types import NO_PLAN
 
 LARGEST = 30  # deviations in the table
+_RIVALS = {
+    "runner_up": "the next best",
+    "mirrored": "that it is mirrored",
+    "outside": "none of the places",
+    "unsound": "that the map is not sound",
+}
 
 
 def badge(metrics: dict[str, Any]) -> str:
@@ -39,7 +41,7 @@ def summary_rows(data: ReportData) -> list[tuple[str, str]]:
     m = data.metrics
     rows = [
         ("Scans", f"{thousands(m.get('scans'))} ({thousands(m.get('scans_skipped'))} skipped)"),
-        *([("Tracking", _tracking(m["tracked"]))] if m.get("tracked") else []),
+        *([("Tracking", tracking(m["tracked"]))] if m.get("tracked") else []),
         *place_rows(m),
         *known_rows(m),
         *_not_known(data),
@@ -57,7 +59,8 @@ def summary_rows(data: ReportData) -> list[tuple[str, str]]:
     return rows + accuracy_rows(m.get("accuracy") or {})
 
 
-def _tracking(tracked: dict[str, int]) -> str:
+def tracking(tracked: dict[str, int]) -> str:
+    """The number of scans of each health."""
     return ", ".join(f"{thousands(count)} {health}" for health, count in tracked.items())
 
 
@@ -70,15 +73,13 @@ def _not_known(data: ReportData) -> list[tuple[str, str]]:
     lost = int((data.scans.lost & ~apart).sum())
     rows = [("Lost scans", thousands(lost))] if lost else []
     if apart.any():
-        rows.append(("Scans in parts not placed", f"{thousands(int(apart.sum()))}, {_span(data.scans.seconds[apart])}"))
+        when = data.scans.seconds[apart]
+        span = f"between {when.min():.1f} and {when.max():.1f} s; they are not drawn"
+        rows.append(("Scans in parts not placed", f"{thousands(int(apart.sum()))}, {span}"))
     outcome = data.metrics.get("returned")
     if apart.any() and outcome is not None and not outcome["found"]:
         rows.append(("Why the last part was not placed", outcome["reason"]))
     return rows
-
-
-def _span(seconds: NDArray[np.float64]) -> str:
-    return f"between {seconds.min():.1f} and {seconds.max():.1f} s; they are not drawn"
 
 
 def known_rows(metrics: dict[str, Any]) -> list[tuple[str, str]]:
@@ -95,10 +96,8 @@ def place_rows(metrics: dict[str, Any]) -> list[tuple[str, str]]:
     place = metrics.get("place")
     if place is None:
         return []
-    parts = {name: place[name] for name in ("runner_up", "mirrored", "outside")} | {"unsound": 1 - place["sound"]}
-    named = {"runner_up": "the next best", "mirrored": "that it is mirrored", "outside": "none of the places",
-             "unsound": "that the map is not sound"}  # fmt: skip
-    others = [f"{named[name]} {percent(value)}" for name, value in parts.items() if value >= 0.0005]
+    parts = place | {"unsound": 1 - place["sound"]}
+    others = [f"{_RIVALS[name]} {percent(value)}" for name in _RIVALS if (value := parts[name]) >= 0.0005]
     return [("Probability of the place", "; ".join([percent(place["probability"]), *others]))]
 
 
@@ -138,13 +137,17 @@ def deviation_rows(data: ReportData) -> tuple[list[Sequence[str]], list[dict[str
     looks = []
     for d in ranked[:LARGEST]:
         room = rooms.get(planned.get(d["a_id"]) or "")
-        offset = signed_mm(d["offset_m"]) if d["kind"] == "moved" else str(d["kind"])
-        sigma = NOTHING if d["sigma_m"] is None else f"{d['sigma_m'] * 1000:.1f} mm"
-        wall = names.get(d["source"]) or str(d["source"] or d["a_id"] or NOTHING)
-        rows.append((
-            wall, (room.name or room.id) if room else NOTHING, offset or NOTHING, sigma,
-            degrees(d["tilt_rad"]) or NOTHING, "yes" if d["significant"] else "no", str(d.get("reason") or ""),
-        ))  # fmt: skip
+        rows.append(
+            [
+                names.get(d["source"]) or str(d["source"] or d["a_id"] or NOTHING),
+                (room.name or room.id) if room else NOTHING,
+                (signed_mm(d["offset_m"]) if d["kind"] == "moved" else str(d["kind"])) or NOTHING,
+                NOTHING if d["sigma_m"] is None else f"{d['sigma_m'] * 1000:.1f} mm",
+                degrees(d["tilt_rad"]) or NOTHING,
+                "yes" if d["significant"] else "no",
+                str(d.get("reason") or ""),
+            ]
+        )
         marked = {"class": "marked"} if d["significant"] else {}
         looks.append({**marked, "data-shows": str(d["s_id"] or "")})
     return rows, looks
@@ -162,14 +165,24 @@ def room_rows(data: ReportData) -> list[tuple[str, str, str]]:
         return (rooms[room_id].name or room_id) if room_id in rooms else room_id
 
     rows = [(name(ours, s), name(planned, a), f"{c:.2f}") for s, a, c in pairs]
-    rows += [(f"none; part of {name(ours, s)}" if s else "none", name(planned, a), "entered, not matched")
-             for part in split_by_floor(data) for s, a in entered_unmatched(part)]  # fmt: skip
+    for part in split_by_floor(data):
+        for s, a in entered_unmatched(part):
+            rows.append((f"none; part of {name(ours, s)}" if s else "none", name(planned, a), "entered, not matched"))
     return rows
 
 
 def hypothesis_rows(data: ReportData) -> list[tuple[str, str, str, str]]:
     """Storey, score, pose of the map's origin, number of the plan's rooms that are matched."""
-    return [(*hypothesis_texts(data, h), str(len({a for _, a in h.get("rooms") or ()}))) for h in data.hypotheses]
+    rows = []
+    for hypothesis in data.hypotheses:
+        floor = data.floor_named(hypothesis.get("floor"))
+        storey = (floor.name or floor.id) if floor else str(hypothesis.get("floor") or "the plan")
+        yaw, x, y = hypothesis["T_a_s"]
+        turn = (math.degrees(yaw) + 180) % 360 - 180
+        numbers = f"{hypothesis['score']:.1f}", f"{x:.2f}, {y:.2f} m, {turn:.1f}°"
+        score, place = (text.replace("-", MINUS) for text in numbers)
+        rows.append((storey, score, place, str(len({a for _, a in hypothesis.get("rooms") or ()}))))
+    return rows
 
 
 def stages_and_total(metrics: dict[str, Any]) -> dict[str, float]:

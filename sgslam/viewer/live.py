@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from data import SceneGraph
 from data.trajectory import Trajectory
 from sgslam.geometry.frames import inverse
-from sgslam.report import associate
+from sgslam.geometry.trajectory_errors import associate
 from sgslam.report.number_formats import metres
 from sgslam.session import Snapshot
 from sgslam.viewer.finished import RED, FinishedRun, FinishedView

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph, WallSurface
-from sgslam.report.plan_drawing import STOREY_M, STUB_M
+from data.scene_graph import WALL_HEIGHT
 
 Floats = NDArray[np.float64]
 Mesh = tuple[Floats, NDArray[np.int64]]  # vertices (V, 3), triangles (F, 3)
@@ -24,19 +24,12 @@ def wall_quads(surfaces: Sequence[WallSurface], below: float, absolute: bool) ->
     relative to the floor at z = `below`."""
     corners = np.empty((len(surfaces), 4, 3))
     for row, surface in zip(corners, surfaces, strict=True):
-        low, high = surface.height or (0.0, STOREY_M)
+        low, high = surface.height or (0.0, WALL_HEIGHT)
         if surface.height is None or not absolute:
             low, high = low + below, high + below
-        row[:, :2] = np.array(_ends(surface))[[0, 1, 1, 0]]
+        row[:, :2] = np.array(surface.ends())[[0, 1, 1, 0]]
         row[:, 2] = low, low, high, high
     return corners
-
-
-def _ends(surface: WallSurface) -> tuple[Any, Any]:
-    if surface.length is not None:
-        return surface.ends()
-    (x, y), (nx, ny) = surface.centroid, surface.normal
-    return (x - ny * STUB_M / 2, y + nx * STUB_M / 2), (x + ny * STUB_M / 2, y - nx * STUB_M / 2)
 
 
 def quad_mesh(corners: Floats) -> Mesh:

@@ -23,10 +23,10 @@ from sgslam.anchoring import check_storey
 from sgslam.cli.options import RunOptions, Triple
 from sgslam.config import Config
 from sgslam.config.loading import load_config
+from sgslam.geometry.trajectory_errors import associate
 from sgslam.odometry.external import ExternalOdometry
 from sgslam.odometry.factory import choose
 from sgslam.perception.scan_checks import in_metres_and_sensor_frame
-from sgslam.report import associate
 from sgslam.result.saving import prepare_folder
 from sgslam.session import PriorMap
 from sgslam.session.checkpoints import FILE as STATE
