@@ -32,10 +32,14 @@ class ErrorLine:
     seconds: Array
     errors: Array
 
+    @property
+    def rmse(self) -> float:
+        """The root mean square of the errors."""
+        return float(np.sqrt(np.mean(self.errors**2)))
+
     def summary(self) -> str:
         """Its label with RMSE and maximum."""
-        rmse = float(np.sqrt(np.mean(self.errors**2)))
-        return f"{self.label}: RMSE {metres(rmse)}, largest {metres(float(self.errors.max()))}"
+        return f"{self.label}: RMSE {metres(self.rmse)}, largest {metres(float(self.errors.max()))}"
 
 
 def error_lines(data: ReportData) -> list[ErrorLine]:
@@ -49,14 +53,16 @@ def error_lines(data: ReportData) -> list[ErrorLine]:
     start, ours, label = int(data.trajectory_map.stamps_ns[0]), data.trajectory_map, "trajectory, aligned"
     if data.T_bim_map is not None:
         ours, label = data.known.transformed(data.T_bim_map), "trajectory in the BIM frame, not aligned"
-    odometry = _line("odometry", "odometry, aligned", data.trajectory_odometry, data.truth, start, True)
-    trajectory = _line("trajectory", label, ours, data.truth, start, data.T_bim_map is None)
+    odometry = error_line("odometry", "odometry, aligned", data.trajectory_odometry, data.truth, start, True)
+    trajectory = error_line("trajectory", label, ours, data.truth, start, data.T_bim_map is None)
     return [line for line in (odometry, trajectory) if line is not None]
 
 
-def _line(
+def error_line(
     name: str, label: str, trajectory: Trajectory, truth: Trajectory, start_ns: int, aligned: bool
 ) -> ErrorLine | None:
+    """The errors of a trajectory, which is `aligned` to the truth first or is in its frame; None where no stamps are
+    close, or it cannot be aligned."""
     ours, true = associate(trajectory.stamps_ns, truth.stamps_ns)
     if not len(ours):
         return None

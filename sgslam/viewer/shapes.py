@@ -14,9 +14,10 @@ Mesh = tuple[Floats, NDArray[np.int64]]  # vertices (V, 3), triangles (F, 3)
 NOTHING: Mesh = (np.empty((0, 3)), np.empty((0, 3), dtype=np.int64))
 
 
-def elevation_of(graph: SceneGraph, floor: str | None) -> float:
+def elevation_of(graph: SceneGraph | None, floor: str | None) -> float:
     """The elevation (m) of a floor; 0 if unknown."""
-    return next((f.elevation for f in graph.floors if f.id == floor and f.elevation is not None), 0.0)
+    floors = graph.floors if graph is not None else ()
+    return next((f.elevation for f in floors if f.id == floor and f.elevation is not None), 0.0)
 
 
 def wall_quads(surfaces: Sequence[WallSurface], below: float, absolute: bool) -> Floats:
