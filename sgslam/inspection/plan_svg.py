@@ -12,7 +12,6 @@ from sgslam.report.plan_drawing import Name, PlanDrawing, room_marks, room_name,
 from sgslam.report.plan_svg import plan_svg
 
 STEPS = (1, 2, 3, 4, 6, 9)  # highest number of rooms of each colour; one more colour beyond
-_LARGEST_COUNT_M = 0.9  # text height of the numbers in the rooms
 NEVER, UNKNOWN = "never", "none"
 
 
@@ -46,8 +45,7 @@ def storey_svg(inspection: Inspection, floor: str | None) -> str:
         title = f"{name.text}: {text or 'no walls'}"
         heats.append(replace(area, title=title, looks=(f"heat-{heat(found)}",)))
         names.append(name)
-        size = min(3.0 * name.size, _LARGEST_COUNT_M)
-        counts.append(Name(text, name.place, size, "names", -0.05, "count"))
+        counts.append(Name(text, name.place, 2.0 * name.size, "names", -0.05, "count"))
     lines: dict[bool, list[Mark]] = {True: [], False: []}
     for wall in part.wall_surfaces:
         lines[wall.room is not None].append(wall_mark(wall, f"{wall.id} {wall.source}"))

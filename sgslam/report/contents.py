@@ -14,6 +14,7 @@ from sgslam.session.soundness.scan_uncertainty import ScanStates
 
 Array = NDArray[np.float64]
 _ENTERED_M = 1.0  # path length in a room from which on it counts as entered, not just looked into
+DRAWN_HYPOTHESES = 4
 BESIDE_GAP_M = 3.0  # gap between the plan and a map of unknown place
 
 

@@ -14,8 +14,6 @@ from sgslam.report.contents import ReportData
 Array = NDArray[np.float64]
 MAX_VERTICES = 3000  # of a drawn trajectory; more than a screen resolves
 _KNOWN, _LOST = 0, 1  # states of a scan; larger ones are parts that were not placed
-_CORNERS = 24  # of a drawn ellipse, which is then too narrow by less than 1 %
-_ROUNDED = 0.001  # m, by which the band's outline may be off
 
 
 @dataclass(frozen=True)
@@ -77,7 +75,7 @@ def uncertainty_band(data: ReportData, T_plan_map: Array) -> list[Mark]:
     points, chosen, state = _vertices(data, T_plan_map)
     sigma = np.fmax.reduceat(data.scans.sigma, chosen)
     state = np.where(np.isfinite(sigma).all(axis=1), state, _LOST)
-    angles = np.linspace(0.0, 2 * np.pi, _CORNERS, endpoint=False)
+    angles = np.linspace(0.0, 2 * np.pi, 24, endpoint=False)  # which is too narrow by less than 1 %
     ellipses = points[:, None, :2] + 2.0 * sigma[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
     swept: list[Any] = []
     for start, end in _runs(state):
@@ -85,7 +83,7 @@ def uncertainty_band(data: ReportData, T_plan_map: Array) -> list[Mark]:
             own = _line(ellipses[start:end])
             pairs = np.concatenate([own[:-1], own[1:]], axis=1)
             swept.extend(shapely.convex_hull(shapely.multipoints(pairs)))
-    areas = [area for area in shapely.get_parts(shapely.union_all(swept).simplify(_ROUNDED)) if area.area]
+    areas = [area for area in shapely.get_parts(shapely.union_all(swept).simplify(0.001)) if area.area]
     return [Mark(_with_holes(shapely.geometry.polygon.orient(area)), closed=True) for area in areas]
 
 
@@ -95,13 +93,13 @@ def _with_holes(area: Any) -> Array:
     return np.vstack([begin, *(piece for hole in area.interiors for piece in (np.array(hole.coords), begin[:1]))])
 
 
-def subsample(count: int, most: int) -> NDArray[np.intp]:
+def subsample(count: int, most: int = MAX_VERTICES) -> NDArray[np.intp]:
     """Indices of at most `most` of `count` items, evenly spaced, including the first and the last."""
     return np.linspace(0, count - 1, min(count, most)).round().astype(np.intp)
 
 
 def _whole(trajectory: Trajectory, T_plan: Array) -> list[Mark]:
-    chosen = subsample(len(trajectory), MAX_VERTICES)
+    chosen = subsample(len(trajectory))
     return [Mark(_line(transform_points(T_plan, trajectory.positions[chosen])))] if len(chosen) else []
 
 
@@ -111,7 +109,7 @@ def _vertices(data: ReportData, T_plan_map: Array) -> tuple[Array, NDArray[np.in
     A vertex stands for the scans up to the next one: where the place of any of them is not known, its own is not.
     """
     assert data.scans is not None
-    chosen = subsample(len(data.trajectory_map), MAX_VERTICES)
+    chosen = subsample(len(data.trajectory_map))
     state = np.where(data.scans.part > 0, data.scans.part + _LOST, np.where(data.scans.lost, _LOST, _KNOWN))
     points = transform_points(T_plan_map, data.trajectory_map.positions[chosen])
     return points, chosen, np.maximum.reduceat(state, chosen)

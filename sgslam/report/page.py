@@ -7,7 +7,7 @@ from pathlib import Path
 from data.common.files import write_atomically
 from sgslam.as_built.deviation_bands import LIMITS_MM, MINUS, UNPLANNED, band_labels
 from sgslam.report import tables
-from sgslam.report.contents import ReportData, split_by_floor
+from sgslam.report.contents import DRAWN_HYPOTHESES, ReportData, split_by_floor
 from sgslam.report.elements import COLUMNS, VERDICTS, element_rows, verdict_counts
 from sgslam.report.error_chart import chart_data, error_chart, error_lines
 from sgslam.report.html_page import TEMPLATES
@@ -15,7 +15,6 @@ from sgslam.report.plan_drawing import plan_drawing
 from sgslam.report.plan_svg import plan_svg
 from sgslam.report.scene_3d import scene_data, scene_layers
 
-_FIGURES = 4  # hypotheses that are drawn
 _DRAWN = ("rooms-matched", "bim-walls", "walls-unmatched", "walls-matched")  # of each
 
 
@@ -72,7 +71,7 @@ def report_html(data: ReportData) -> str:
 def _hypothesis_figures(data: ReportData) -> Iterator[str]:
     """The SVG of each of the best hypotheses: the storey with the map on it, a wall counting as matched if its room
     is. None without a BIM."""
-    for hypothesis in data.hypotheses[:_FIGURES] if data.a_graph is not None else ():
+    for hypothesis in data.hypotheses[:DRAWN_HYPOTHESES] if data.a_graph is not None else ():
         pairs = [(s, a, 1.0) for s, a in hypothesis.get("rooms") or ()]
         seen = {s for s, _, _ in pairs}
         walls = [(wall.id, "", 1.0) for wall in data.s_graph.wall_surfaces if wall.room in seen]

@@ -19,10 +19,7 @@ from sgslam.report.drawn_paths import Mark, drawn_paths, subsample, uncertainty_
 from sgslam.report.elements import element_marks, element_name
 
 Array = NDArray[np.float64]
-_MAX_KEYFRAMES = 1000
-_SENSOR_M = 1.0  # height of the sensor above the floor, where not known
-_LARGEST_TEXT_M, _SMALLEST_TEXT_M = 0.42, 0.12
-_GLYPH_WIDTH = 0.6  # of a letter, relative to the text's size
+_TEXT_M = 0.42  # height of a name, at most
 _STRAY = 0.3  # of the building's longer side, by which paths at unknown places may widen the view
 
 LABELS = {
@@ -150,7 +147,7 @@ def plan_drawing(data: ReportData) -> PlanDrawing:
     if data.T_bim_map is None:
         labels = LABELS | (WITHOUT_PLAN if data.a_graph is None else NOT_ANCHORED)
     keyframes = _placed([k.pose[:3] for k in data.s_graph.keyframes], T_plan_map)
-    keyframes = keyframes[subsample(len(keyframes), _MAX_KEYFRAMES)]
+    keyframes = keyframes[subsample(len(keyframes))]
     return PlanDrawing(heading, layers, names, labels, keyframes, floor_z, T_plan_map)
 
 
@@ -170,11 +167,10 @@ def room_marks(rooms: Sequence[Room]) -> list[Mark]:
 def room_name(room: Room, layer: str, rise: float, T_plan: Array | None = None) -> Name:
     """The name of a room, as large as fits its width."""
     text, T = room.name or room.id, np.eye(4) if T_plan is None else T_plan
-    size = 0.7 * _LARGEST_TEXT_M
+    size = 0.7 * _TEXT_M
     if room.polygon:
         width = float(np.ptp(_placed_xy(room.polygon, T)[:, 0]))
-        fits = 0.9 * width / (_GLYPH_WIDTH * max(len(text), 3))
-        size = float(np.clip(fits, _SMALLEST_TEXT_M, _LARGEST_TEXT_M))
+        size = min(1.5 * width / max(len(text), 3), _TEXT_M)  # a letter is 0.6 times as wide as high
     return Name(text, _placed_xy(room.centroid, T)[0], size, layer, rise)
 
 
@@ -210,14 +206,11 @@ def _mapped_walls(data: ReportData, T_plan_map: Array, floor_z: float, matched: 
 
 
 def _floor_z(data: ReportData, floor: Floor | None, T_plan_map: Array) -> float:
-    """The storey's elevation, else the mapped floor's, else a typical sensor height below the trajectory."""
+    """The storey's elevation, else the mapped floor's, else that of the map's origin."""
     if floor is not None and floor.elevation is not None:
         return floor.elevation
     mapped = [f.elevation for f in data.s_graph.floors if f.elevation is not None]
-    if mapped:
-        return float(T_plan_map[2, 3] + mapped[0])
-    heights = _placed(data.trajectory_map.positions, T_plan_map)[:, 2]
-    return float(np.median(heights)) - _SENSOR_M if len(heights) else 0.0
+    return float(T_plan_map[2, 3] + (mapped[0] if mapped else 0.0))
 
 
 def _pair_title(

@@ -1,7 +1,6 @@
 """`plan.png`: the floor plan drawn with matplotlib, without a display."""
 
 import io
-import math
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +12,6 @@ from sgslam.report.contents import ReportData, split_by_floor
 from sgslam.report.drawn_paths import Mark
 from sgslam.report.plan_drawing import PlanDrawing, plan_drawing
 
-LONG_SIDE_INCH, NARROWEST_INCH, LEGEND_COLUMN_INCH, LEGEND_LINE_INCH, DPI = 12.0, 6.0, 3.1, 0.22, 150
-MARGIN = 0.03  # of the longer side
 LARGEST_TEXT, SMALLEST_TEXT = 9.0, 3.0  # points; smaller names are left out
 BIM, ROOM, MATCHED, UNMATCHED = "#a3a9b2", "#e7f3f1", "#0f8a7b", "#c0508c"
 BAND_COLORS = ("#1f4aa8", "#4f86d4", "#8fbbe8", MATCHED, "#eeb04e", "#dd7a1c", "#b03a10")
@@ -42,16 +39,15 @@ def write_plan_png(data: ReportData, path: Path | str) -> None:
     """Draws the plan from above (metres, the BIM frame where there is one) and writes it atomically."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # slow to import
     from matplotlib.figure import Figure
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     drawings = [plan_drawing(part) for part in split_by_floor(data)]
     corners = [drawing.bounds() for drawing in drawings]
     low, high = np.min([a for a, _ in corners], axis=0), np.max([b for _, b in corners], axis=0)
-    margin = max(0.5, MARGIN * float(max(high - low)))
+    margin = max(0.5, 0.03 * float(max(high - low)))
     width, height = np.maximum(high - low + 2 * margin, 1.0)
-    scale = LONG_SIDE_INCH / max(width, height)
-    wide = max(width * scale + 1, NARROWEST_INCH)
-    figure = Figure(layout=ConstrainedLayoutEngine(w_pad=0.15, h_pad=0.15))
+    scale = 12.0 / max(width, height)  # inches per metre
+    wide, tall = max(width * scale + 1, 6.0), max(height * scale, 4.0)
+    figure = Figure(figsize=(wide, len(drawings) * tall), layout="constrained")
     FigureCanvasAgg(figure)
     frame = "BIM" if data.a_graph is not None else "map"
     known: dict[str, Any] = {}  # legend entries by label
@@ -63,14 +59,11 @@ def write_plan_png(data: ReportData, path: Path | str) -> None:
         axes.set_ylim(low[1] - margin, high[1] + margin)
         _axes(axes, drawing.heading, frame)
         known |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
-    columns = int(min(wide // LEGEND_COLUMN_INCH, 4))  # as many as fit side by side
-    below = 1.2 + LEGEND_LINE_INCH * math.ceil(len(known) / columns)
-    figure.set_size_inches(wide, len(drawings) * max(height * scale, 4.0) + below)
-    figure.legend(
-        list(known.values()), list(known), loc="outside lower center", ncols=columns, fontsize=9, frameon=False
-    )
+    below = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0)}
+    columns = int(min(wide // 3, 4))  # as many as fit side by side
+    figure.legend([*known.values()], [*known], ncols=columns, fontsize=9, frameon=False, **below)
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=DPI)
+    figure.savefig(buffer, format="png", dpi=150, bbox_inches="tight", pad_inches=0.15)
     write_atomically(path, buffer.getvalue())
 
 

@@ -48,9 +48,14 @@ _HELPS = {  # by the status of an answer of the matcher
 
 
 def assemble_result(
-    final: ActiveMap, bim: SceneGraph | None, unplaced: list[PriorMap], relocalisation: Relocalisation | None,
-    config: Config, advice: list[str], passed_again: bool,
-) -> Result:  # fmt: skip
+    final: ActiveMap,
+    bim: SceneGraph | None,
+    unplaced: list[PriorMap],
+    relocalisation: Relocalisation | None,
+    config: Config,
+    advice: list[str],
+    passed_again: bool,
+) -> Result:
     """The result of a run whose map is `final`; `advice` are lines of the tracker. `passed_again`: all scans were
     registered a second time.
 
@@ -160,9 +165,8 @@ def _uncertainty(
     """Of the scans in the map, along the axes of the building where T_bim_map (4, 4) is known, else of the map."""
     R_frame_map = np.eye(3) if T_bim_map is None else T_bim_map[:3, :3]
     newest = slice(run.begin, len(final.scans))
-    return scan_uncertainty(
-        final.scans, newest, final.backend, known, R_frame_map, config, 0, float(T_bim_map is not None)
-    )  # fmt: skip
+    place = float(T_bim_map is not None)
+    return scan_uncertainty(final.scans, newest, final.backend, known, R_frame_map, config, 0, place)
 
 
 def _not_anchored_advice(
@@ -196,10 +200,11 @@ def _first_anchor_s(final: ActiveMap, run: RunPoses) -> float | None:
 def _quality(final: ActiveMap, run: RunPoses, own: ScanUncertainty, config: Config) -> Quality:
     """The signals of the map's quality; `own` is the uncertainty of the scans in the map."""
     count = len(run.all_scans)
-    return quality_of(
-        run.in_map, odometry_of(run.scans), odometry_begins(run.scans), _walls_seen(final.floors, final.backend), own,
-        run.tracked["lost"] / count, (count - len(run.scans)) / count, config.quality,
-    )  # fmt: skip
+    lost, unplaced = run.tracked["lost"] / count, (count - len(run.scans)) / count
+    odometry, begins = odometry_of(run.scans), odometry_begins(run.scans)
+    sights = Counter(sight.keyframe for floor in final.floors.maps for sight in floor.walls.seen)
+    walls = [sights[k] for k in range(len(final.backend.keyframes))]
+    return quality_of(run.in_map, odometry, begins, walls, own, lost, unplaced, config.quality)
 
 
 def _live(scans: list[ScanPose], states: ScanUncertainty, T_bim_map: Floats | None) -> Trajectory:
@@ -215,13 +220,7 @@ def _apart(unplaced: list[PriorMap], config: Config) -> list[ScanUncertainty]:
             part.scans, slice(None), part.backend, part.backend.uncertainty(), np.eye(3), config, number, 0.0
         )
         for number, part in enumerate(unplaced, 1)
-    ]  # fmt: skip
-
-
-def _walls_seen(floors: Floors, backend: Backend) -> list[int]:
-    """The number of walls that each keyframe sees."""
-    seen = Counter(sight.keyframe for floor in floors.maps for sight in floor.walls.seen)
-    return [seen[k] for k in range(len(backend.keyframes))]
+    ]
 
 
 def _covariances(

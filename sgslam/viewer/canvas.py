@@ -10,7 +10,6 @@ from sgslam.viewer.shapes import Mesh
 
 Floats = NDArray[np.float64]
 Colour = tuple[int, int, int]
-_STILL = 1e-4  # change of a pose's entries below which it is not sent
 
 
 def rgb(text: str) -> Colour:
@@ -87,7 +86,7 @@ class Canvas(ABC):
             self._poses.pop(name, None)
 
     def _move(self, name: str, T: Floats) -> None:
-        if name not in self._poses or np.abs(self._poses[name] - T).max() >= _STILL:
+        if name not in self._poses or not np.allclose(self._poses[name], T, rtol=0.0, atol=1e-4):
             self.move(name, T)
             self._poses[name] = T.copy()
 

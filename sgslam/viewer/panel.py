@@ -5,15 +5,14 @@ from typing import Any
 
 import numpy as np
 
+from sgslam.report.contents import DRAWN_HYPOTHESES
 from sgslam.report.drawn_paths import subsample
-from sgslam.report.error_chart import ErrorLine
+from sgslam.report.error_chart import SAMPLES, ErrorLine
 from sgslam.session import Snapshot
 from sgslam.viewer.page import Page
-from sgslam.viewer.scene import GHOSTS, LAYERS, ROOMS, RunScene
+from sgslam.viewer.scene import LAYERS, ROOMS, RunScene
 
 ALL = "all storeys"
-_HIGHEST = 6.0  # m, largest lift of the map above the plan
-_SAMPLES = 400  # per line of the chart
 
 
 class Panel:
@@ -32,7 +31,7 @@ class Panel:
         with gui.add_folder("shown", expand_by_default=False):
             for layer, text in LAYERS.items():
                 self._switch(layer, text)
-            self.lift = gui.add_slider("map over plan (m)", 0.0, _HIGHEST, 0.1, 0.0)
+            self.lift = gui.add_slider("map over plan (m)", 0.0, 6.0, 0.1, 0.0)
         self.storey.on_update(lambda _: self._choose())
         self.lift.on_update(lambda _: self.lift_map(float(self.lift.value)))
 
@@ -86,7 +85,7 @@ class Panel:
     def _draw_errors(self, lines: Sequence[ErrorLine]) -> None:
         from viser import uplot
 
-        seconds = lines[-1].seconds[subsample(len(lines[-1].seconds), _SAMPLES)]
+        seconds = lines[-1].seconds[subsample(len(lines[-1].seconds), SAMPLES)]
         errors = (np.maximum(np.interp(seconds, line.seconds, line.errors), 1e-3) for line in lines)
         data = (seconds, *errors)
         if self.chart is not None:
@@ -110,7 +109,7 @@ def hypothesis_table(now: Snapshot, storeys: dict[str, str]) -> str:
     shares = np.exp(scores - scores.max())
     rows = ["| | probability | storey | score | rooms |", "|---|---|---|---|---|"]
     for number, (h, share) in enumerate(zip(hypotheses, shares / shares.sum(), strict=True)):
-        dot = f'<span style="color:{ROOMS[number]}">■</span>' if number < GHOSTS else ""
+        dot = f'<span style="color:{ROOMS[number]}">■</span>' if number < DRAWN_HYPOTHESES else ""
         storey = _plain(storeys.get(str(h.get("floor")), "the plan"))
         rooms = len({a for _, a in h.get("rooms") or ()})
         rows.append(f"| {dot} {number + 1} | {100 * share:.0f} % | {storey} | {float(h['score']):.1f} | {rooms} |")

@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 _VOXEL = 0.1  # m; one point is shown per voxel
 _MOST = 600_000  # points in total
 # m above the sensor, and colours there; between 3 m below and the highest are shown: ceilings would hide the rooms
-_HEIGHTS, _COLOURS = (-1.0, -0.2, 0.9), ((70, 84, 112), (94, 143, 177), (190, 214, 220))
+_COLOURS = {-1.0: (70, 84, 112), -0.2: (94, 143, 177), 0.9: (190, 214, 220)}
 
 
 class ScanClouds:
@@ -61,7 +61,7 @@ class ScanClouds:
         if not len(points) or len(self._keys) > _MOST:
             return points[:0]
         over = points @ T_map_sensor[2, :3]
-        points = points[(over < _HEIGHTS[-1]) & (over > -3.0)]
+        points = points[(over < max(_COLOURS)) & (over > -3.0)]
         keys = voxel_keys(transform_points(T_map_sensor, points), _VOXEL)
         place = np.searchsorted(self._keys, keys)
         known = np.append(self._keys, -1)[place] == keys
@@ -72,5 +72,5 @@ class ScanClouds:
 
 def by_height(over: NDArray[np.floating]) -> NDArray[np.uint8]:
     """(N, 3) colours of points at heights `over` (N,) above the sensor (m)."""
-    channels = [np.interp(over, _HEIGHTS, [colour[k] for colour in _COLOURS]) for k in range(3)]
+    channels = [np.interp(over, [*_COLOURS], [colour[k] for colour in _COLOURS.values()]) for k in range(3)]
     return np.stack(channels, axis=1).astype(np.uint8)

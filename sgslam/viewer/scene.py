@@ -11,7 +11,7 @@ from data import Floor, Room, SceneGraph, WallSurface
 from data.trajectory import Trajectory
 from sgslam.as_built.deviation_bands import BANDS
 from sgslam.geometry.frames import se2_to_se3, transform_points
-from sgslam.report.contents import BESIDE_GAP_M
+from sgslam.report.contents import BESIDE_GAP_M, DRAWN_HYPOTHESES
 from sgslam.report.plan_png import BAND_COLORS, BIM, MATCHED, PATHS, UNMATCHED
 from sgslam.session import Snapshot
 from sgslam.viewer.canvas import Canvas, rgb
@@ -42,7 +42,6 @@ LAYERS = {
     "truth": "truth",
 }
 ROOMS = ("#e6862b", "#3f78c9", "#45a35a", "#b45cc0", "#c9a227", "#2aa6a1", "#d65a5a", "#7a6fd0", "#8a9a2f", "#c4608f")
-GHOSTS = 4  # hypotheses drawn
 _SCAN_POINTS = 4000  # of the newest scan, about
 _ABOVE_FLOOR = 0.02  # m, of filled areas, so that those of plan and map do not flicker
 _RED = "#d64045"
@@ -215,9 +214,9 @@ class RunScene:
         """Draws the map's walls on the plan at each match hypothesis."""
         graphs = {graph.floors[0].id: graph for graph in now.graphs}
         matches = now.hypotheses if self._plan is not None else ()
-        drawn = [(graphs[floor], match) for floor, match in matches if floor in graphs][:GHOSTS]
+        drawn = [(graphs[floor], match) for floor, match in matches if floor in graphs][:DRAWN_HYPOTHESES]
         self._ghosts = {str(number): match.get("floor") for number, (_, match) in enumerate(drawn, 1)}
-        for number in range(GHOSTS):
+        for number in range(DRAWN_HYPOTHESES):
             ends = np.empty((0, 2, 3))
             if number < len(drawn):
                 graph, match = drawn[number]

@@ -47,7 +47,6 @@ _NOT_JUDGED = (
     "odometry {} does not judge scans: they are good, or lost after an impossible step; their sigmas come from the "
     "settings odometry.other_sigma_rotation and other_sigma_translation; health and quality of this run say little"
 )
-_DATED = 946_684_800_000_000_000  # ns, 2000-01-01 in Unix time; smaller stamps are none
 
 
 @dataclass
@@ -156,13 +155,12 @@ class Run:
         """What the report's head says of the run, in its order."""
         bim, config = self._building.bim, result.config
         first = int(result.trajectory_map.stamps_ns[0]) if len(result.trajectory_map) else 0
+        measured = datetime.fromtimestamp(first / 1e9, UTC)
         about = {
             "Building": bim.path.name if bim is not None and bim.path is not None else "",
             "Scans": self._inputs.scans.path.name,
             # otherwise the clock of the scans counts from another instant
-            "Measured": datetime.fromtimestamp(first / 1e9, UTC).strftime("%Y-%m-%d %H:%M UTC")
-            if first >= _DATED
-            else "",
+            "Measured": measured.strftime("%Y-%m-%d %H:%M UTC") if measured.year >= 2000 else "",
             "Tolerance": f"{1000 * config.as_built.tolerance:g} mm" if result.anchored else "",
             "Stamps": f"{config.tracking.stamp} of a scan",
             "Odometry": config.odometry.method,
