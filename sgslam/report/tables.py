@@ -36,95 +36,64 @@ def quality_rows(metrics: dict[str, Any]) -> list[tuple[str, str, str, str]]:
     ]
 
 
+def run_rows(metrics: dict[str, Any]) -> dict[str, str]:
+    """Value by name of the figures of a run that metrics.json has."""
+    counts = {name: thousands(metrics.get(name)) for name in ("scans", "scans_skipped", "keyframes")}
+    rows = {"Scans": f"{counts['scans']} ({counts['scans_skipped']} skipped), {counts['keyframes']} keyframes"}
+    if tracked := metrics.get("tracked"):
+        rows["Tracking"] = ", ".join(f"{thousands(count)} {health}" for health, count in tracked.items())
+    if place := metrics.get("place"):
+        parts = place | {"unsound": 1 - place["sound"]}
+        others = [f"{_RIVALS[name]} {percent(value)}" for name in _RIVALS if (value := parts[name]) >= 0.0005]
+        rows["Probability of the place"] = "; ".join([percent(place["probability"]), *others])
+    if signal := (metrics.get("quality") or {}).get("position_sigma_m"):
+        whose = "anchored positions" if metrics.get("anchored") else "positions"
+        rows[f"95 % of the {whose}"] = f"have a standard deviation of at most {metres(signal['value'])}"
+    if outcome := metrics.get("returned"):
+        when = "" if outcome["found_s"] is None else f"{outcome['found_s']:.1f} s after the last part began: "
+        rows["Relocalisation"] = f"{when if outcome['found'] else 'the last part was not placed: '}{outcome['reason']}"
+    if metrics.get("first_anchor_s") is not None:
+        rows["First anchored after"] = seconds(metrics["first_anchor_s"])
+    return rows | _accuracy_rows(metrics.get("accuracy") or {})
+
+
 def summary_rows(data: ReportData) -> list[tuple[str, str]]:
-    """Name and value of the figures of the whole run."""
-    m = data.metrics
-    rows = [
-        ("Scans", f"{thousands(m.get('scans'))} ({thousands(m.get('scans_skipped'))} skipped)"),
-        *([("Tracking", tracking(m["tracked"]))] if m.get("tracked") else []),
-        *place_rows(m),
-        *known_rows(m),
-        *_not_known(data),
-        ("Distance travelled", f"{path_length(data.trajectory_map.positions):.1f} m"),
-    ]
+    """Name and value of the figures of the whole run: those of `run_rows`, how many scans were lost or are in parts
+    that were not placed, if any, the way, and the pose of the map."""
+    rows = run_rows(data.metrics)
+    if data.scans is not None:
+        apart = data.scans.part > 0
+        if lost := int((data.scans.lost & ~apart).sum()):
+            rows["Lost scans"] = thousands(lost)
+        if apart.any():
+            when = data.scans.seconds[apart]
+            span = f"between {when.min():.1f} and {when.max():.1f} s; they are not drawn"
+            rows["Scans in parts not placed"] = f"{thousands(int(apart.sum()))}, {span}"
+    rows["Distance travelled"] = f"{path_length(data.trajectory_map.positions):.1f} m"
     if data.T_bim_map is not None:
         x, y, z, *quaternion = poses_to_xyzquat(data.T_bim_map)
         yaw = math.degrees(math.atan2(data.T_bim_map[1, 0], data.T_bim_map[0, 0]))
-        rows += [
-            ("First anchored after", seconds(m.get("first_anchor_s"))),
-            ("T_bim_map: x, y, z", f"{x:.3f}, {y:.3f}, {z:.3f} m"),
-            ("T_bim_map: yaw", f"{yaw:.2f}°"),
-            ("T_bim_map: qx, qy, qz, qw", ", ".join(f"{q:.6f}" for q in quaternion)),
-        ]
-    return rows + accuracy_rows(m.get("accuracy") or {})
+        rows["T_bim_map: x, y, z"] = f"{x:.3f}, {y:.3f}, {z:.3f} m"
+        rows["T_bim_map: yaw"] = f"{yaw:.2f}°"
+        rows["T_bim_map: qx, qy, qz, qw"] = ", ".join(f"{q:.6f}" for q in quaternion)
+    return list(rows.items())
 
 
-def tracking(tracked: dict[str, int]) -> str:
-    """The number of scans of each health."""
-    return ", ".join(f"{thousands(count)} {health}" for health, count in tracked.items())
-
-
-def _not_known(data: ReportData) -> list[tuple[str, str]]:
-    """How many scans were lost, and how many are in parts that were not placed; of those that there are. And why the
-    last part was not placed."""
-    if data.scans is None:
-        return []
-    apart = data.scans.part > 0
-    lost = int((data.scans.lost & ~apart).sum())
-    rows = [("Lost scans", thousands(lost))] if lost else []
-    if apart.any():
-        when = data.scans.seconds[apart]
-        span = f"between {when.min():.1f} and {when.max():.1f} s; they are not drawn"
-        rows.append(("Scans in parts not placed", f"{thousands(int(apart.sum()))}, {span}"))
-    outcome = data.metrics.get("returned")
-    if apart.any() and outcome is not None and not outcome["found"]:
-        rows.append(("Why the last part was not placed", outcome["reason"]))
-    return rows
-
-
-def known_rows(metrics: dict[str, Any]) -> list[tuple[str, str]]:
-    """How well the positions are known, in one row; none where it was not computed."""
-    signal = (metrics.get("quality") or {}).get("position_sigma_m")
-    if signal is None:
-        return []
-    whose = "anchored positions" if metrics.get("anchored") else "positions"
-    return [(f"95 % of the {whose}", f"have a standard deviation of at most {metres(signal['value'])}")]
-
-
-def place_rows(metrics: dict[str, Any]) -> list[tuple[str, str]]:
-    """How probable the map's place in the plan is, in one row; none without a plan."""
-    place = metrics.get("place")
-    if place is None:
-        return []
-    parts = place | {"unsound": 1 - place["sound"]}
-    others = [f"{_RIVALS[name]} {percent(value)}" for name in _RIVALS if (value := parts[name]) >= 0.0005]
-    return [("Probability of the place", "; ".join([percent(place["probability"]), *others]))]
-
-
-def relocalised(outcome: dict[str, Any]) -> str:
-    """When and why the last part of a run was placed in the map, or why it was not."""
-    if not outcome["found"]:
-        return f"the last part was not placed: {outcome['reason']}"
-    if outcome["found_s"] is None:
-        return str(outcome["reason"])
-    return f"{outcome['found_s']:.1f} s after the last part began: {outcome['reason']}"
-
-
-def accuracy_rows(accuracy: dict[str, Any]) -> list[tuple[str, str]]:
-    """Name and value of each error against the ground truth that is known."""
+def _accuracy_rows(accuracy: dict[str, Any]) -> dict[str, str]:
+    """Value by name of each error against the ground truth that is known."""
     if not accuracy:
-        return []
+        return {}
     yaw = accuracy.get("yaw_rmse_bim_deg")
-    rows = [
-        ("RMSE in the BIM frame, without alignment", metres(accuracy.get("rmse_bim_m"))),
-        ("Maximum error in the BIM frame", metres(accuracy.get("max_bim_m"))),
-        ("RMSE of the yaw", NOTHING if yaw is None else f"{yaw:.2f}°"),
-        ("RMSE of the map's trajectory, SE(3)-aligned", metres(accuracy.get("rmse_map_aligned_m"))),
-        ("RMSE of the odometry, SE(3)-aligned", metres(accuracy.get("rmse_odometry_aligned_m"))),
-        ("Poses with ground truth", " of ".join(thousands(accuracy.get(f"{k}_poses")) for k in ("matched", "total"))),
-        ("Note on accuracy", str(accuracy.get("note") or NOTHING)),
-    ]
-    return [(name, text) for name, text in rows if text != NOTHING]
+    rows = {
+        "RMSE in the BIM frame, without alignment": metres(accuracy.get("rmse_bim_m")),
+        "Maximum error in the BIM frame": metres(accuracy.get("max_bim_m")),
+        "RMSE of the yaw": NOTHING if yaw is None else f"{yaw:.2f}°",
+        "RMSE of the map's trajectory, SE(3)-aligned": metres(accuracy.get("rmse_map_aligned_m")),
+        "RMSE of the odometry, SE(3)-aligned": metres(accuracy.get("rmse_odometry_aligned_m")),
+        "Poses with ground truth": " of ".join(thousands(accuracy.get(f"{k}_poses")) for k in ("matched", "total")),
+        "Note on accuracy": str(accuracy.get("note") or NOTHING),
+    }
+    return {name: text for name, text in rows.items() if text != NOTHING}
 
 
 def deviation_rows(data: ReportData) -> tuple[list[Sequence[str]], list[dict[str, str]]]:

@@ -13,7 +13,7 @@ from data.trajectory import Trajectory
 from sgslam.report.error_chart import ErrorLine, error_line
 from sgslam.session import Snapshot
 from sgslam.viewer.finished import FinishedRun, FinishedView
-from sgslam.viewer.page import Page, parse_address, serve_until_interrupted
+from sgslam.viewer.page import Page, serve_until_interrupted
 from sgslam.viewer.panel import Panel
 from sgslam.viewer.scene import with_rooms
 
@@ -87,10 +87,3 @@ class LiveView:
         self.page.clear()
         FinishedView(self.page, [run])
         serve_until_interrupted(self.page)
-
-
-def open_page(at: str) -> Page:
-    """Opens the page of a live run at `[HOST:]PORT`. Raises UserError if that is not possible."""
-    page = Page(parse_address(at))
-    print(f"view: {page.url}", flush=True)
-    return page

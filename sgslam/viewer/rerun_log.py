@@ -27,18 +27,6 @@ HEALTH = {"lost": 0.0, "degraded": 1.0, "good": 2.0}
 _log = logging.getLogger(__name__)
 
 
-@contextmanager
-def recorded(path: Path | None, plan: SceneGraph | None) -> "Iterator[RerunLog | None]":
-    """Context in which a run is recorded, unless `path` is None; an early end keeps what was recorded. Raises UserError
-    as `RerunLog` does."""
-    log = None if path is None else RerunLog(path, plan)
-    try:
-        yield log
-    finally:
-        if log is not None:
-            log.close()
-
-
 class Recording(Canvas):
     """Logs what a scene draws to a `stream` of the module `rerun`."""
 
@@ -78,7 +66,8 @@ class Recording(Canvas):
 
 
 class RerunLog:
-    """Writes a run to an `.rrd` file. Call `add_scan` after each scan and `close` at the end.
+    """Writes a run to an `.rrd` file. Call `add_scan` after each scan and `close` at the end; an early end keeps
+    what was recorded.
 
     Its timelines are `stamp` and `scan`. It holds what the page of a run shows, the map as of each keyframe, and sensor
     and points of each scan. `/health` is 0 for lost, 1 for degraded, 2 for good scans; `/anchors` has the numbers of

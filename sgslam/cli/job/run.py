@@ -4,8 +4,7 @@ import gc
 import logging
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -194,35 +193,30 @@ def _accuracy(result: Result, truth: Trajectory, in_one_part: bool) -> dict[str,
 
 
 class Interruption:
-    """True once the user (Ctrl-C) or the system (SIGTERM) has requested the process to end."""
+    """A context that defers SIGINT and SIGTERM, so that no scan is left half processed; true once the user (Ctrl-C) or
+    the system has requested the process to end. The second request raises KeyboardInterrupt."""
 
     def __init__(self) -> None:
         self._requested = False
+        self._before: dict[int, Any] = {}
+
+    def __enter__(self) -> "Interruption":
+        if threading.current_thread() is threading.main_thread():  # others have no handlers
+            self._before = {own: signal.signal(own, self._request) for own in (signal.SIGINT, signal.SIGTERM)}
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
 
     def __bool__(self) -> bool:
         """Whether the end was requested."""
         return self._requested
 
-    def request(self, number: int, frame: FrameType | None) -> None:
-        """Signal handler. The second request raises KeyboardInterrupt."""
+    def _request(self, number: int, frame: FrameType | None) -> None:
         if self._requested:
             raise KeyboardInterrupt
         self._requested = True
-
-
-@contextmanager
-def interruptible() -> Iterator[Interruption]:
-    """Context that defers SIGINT and SIGTERM, so that no scan is left half processed."""
-    interruption = Interruption()
-    if threading.current_thread() is not threading.main_thread():
-        yield interruption
-        return
-    before = {number: signal.signal(number, interruption.request) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield interruption
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def run_scans(
@@ -242,7 +236,7 @@ def run_scans(
 
     gc.freeze()  # what is loaded stays: the garbage collector need not scan it
     console, scans, odometry = Console(stderr=True), inputs.scans, inputs.odometry
-    with interruptible() as interruption, Bar(console=console, disable=not console.is_terminal, transient=True) as bar:
+    with Interruption() as interruption, Bar(console=console, disable=not console.is_terminal, transient=True) as bar:
         task = bar.add_task("scans", total=len(scans))
         waiting = perf_counter()
         try:
