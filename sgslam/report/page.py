@@ -32,6 +32,7 @@ def report_html(data: ReportData) -> str:
         embedded["chart-data"] = chart_data(data, lines, drawing)
     deviation_rows, deviation_looks = tables.deviation_rows(data)
     verdicts = verdict_counts(data.elements)
+    storeys = {floor.id: floor.name or floor.id for floor in (data.a_graph.floors if data.a_graph else ())}
     return TEMPLATES.get_template("report/report.html").render(
         anchored=anchored,
         embedded=embedded,
@@ -57,7 +58,7 @@ def report_html(data: ReportData) -> str:
         deviation_rows=deviation_rows,
         deviation_looks=deviation_looks,
         summary=tables.summary_rows(data),
-        hypotheses=[] if anchored else tables.hypothesis_rows(data),
+        hypotheses=[] if anchored else tables.hypothesis_rows(data.hypotheses, storeys),
         rooms=tables.room_rows(data),
         stages=tables.stages_and_total(data.metrics),
         about=data.metrics.get("about") or {},

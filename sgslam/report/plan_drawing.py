@@ -146,8 +146,8 @@ def plan_drawing(data: ReportData) -> PlanDrawing:
     labels = LABELS
     if data.T_bim_map is None:
         labels = LABELS | (WITHOUT_PLAN if data.a_graph is None else NOT_ANCHORED)
-    keyframes = _placed([k.pose[:3] for k in data.s_graph.keyframes], T_plan_map)
-    keyframes = keyframes[subsample(len(keyframes))]
+    keyframes = np.array([k.pose[:3] for k in data.s_graph.keyframes], dtype=float).reshape(-1, 3)
+    keyframes = transform_points(T_plan_map, keyframes[subsample(len(keyframes))])
     return PlanDrawing(heading, layers, names, labels, keyframes, floor_z, T_plan_map)
 
 
@@ -221,10 +221,6 @@ def _pair_title(
         return f"{shown.get(s_id, s_id)}{'' if data.a_graph is None else ': not matched'}"
     a_id, confidence = pairs[s_id]
     return f"{shown.get(s_id, s_id)} is {shown.get(a_id, a_id)} ({confidence:.2f})"
-
-
-def _placed(points: Any, T: Array) -> Array:
-    return transform_points(T, np.asarray(points, dtype=float).reshape(-1, 3))
 
 
 def _placed_xy(points: Any, T: Array) -> Array:

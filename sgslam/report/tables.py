@@ -1,7 +1,7 @@
 """The rows of the report's tables: summary, deviations, matched rooms, hypotheses, seconds."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from data.geometry.poses import poses_to_xyzquat
@@ -140,17 +140,20 @@ def room_rows(data: ReportData) -> list[tuple[str, str, str]]:
     return rows
 
 
-def hypothesis_rows(data: ReportData) -> list[tuple[str, str, str, str]]:
-    """Storey, score, pose of the map's origin, number of the plan's rooms that are matched."""
+def hypothesis_rows(
+    hypotheses: Sequence[Mapping[str, Any]], storeys: Mapping[str, str]
+) -> list[tuple[str, str, str, str]]:
+    """Storey, score, pose of the map's origin, number of the plan's rooms that are matched; `storeys` are the names of
+    the plan's by id."""
     rows = []
-    for hypothesis in data.hypotheses:
-        floor = data.floor_named(hypothesis.get("floor"))
-        storey = (floor.name or floor.id) if floor else str(hypothesis.get("floor") or "the plan")
+    for hypothesis in hypotheses:
+        storey = str(hypothesis.get("floor") or "the plan")
         yaw, x, y = hypothesis["T_a_s"]
         turn = (math.degrees(yaw) + 180) % 360 - 180
         numbers = f"{hypothesis['score']:.1f}", f"{x:.2f}, {y:.2f} m, {turn:.1f}°"
         score, place = (text.replace("-", MINUS) for text in numbers)
-        rows.append((storey, score, place, str(len({a for _, a in hypothesis.get("rooms") or ()}))))
+        rooms = {a_id for _, a_id in hypothesis.get("rooms") or ()}
+        rows.append((storeys.get(storey, storey), score, place, str(len(rooms))))
     return rows
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from sgslam.report.contents import DRAWN_HYPOTHESES
 from sgslam.report.drawn_paths import subsample
 from sgslam.report.error_chart import SAMPLES, ErrorLine
+from sgslam.report.tables import hypothesis_rows
 from sgslam.session import Snapshot
 from sgslam.viewer.page import Page
 from sgslam.viewer.scene import LAYERS, ROOMS, RunScene
@@ -108,11 +109,10 @@ def hypothesis_table(now: Snapshot, storeys: dict[str, str]) -> str:
     scores = np.array([float(h["score"]) for h in hypotheses])
     shares = np.exp(scores - scores.max())
     rows = ["| | probability | storey | score | rooms |", "|---|---|---|---|---|"]
-    for number, (h, share) in enumerate(zip(hypotheses, shares / shares.sum(), strict=True)):
+    told = zip(hypothesis_rows(hypotheses, storeys), shares / shares.sum(), strict=True)
+    for number, ((storey, score, _, rooms), share) in enumerate(told):
         dot = f'<span style="color:{ROOMS[number]}">■</span>' if number < DRAWN_HYPOTHESES else ""
-        storey = _plain(storeys.get(str(h.get("floor")), "the plan"))
-        rooms = len({a for _, a in h.get("rooms") or ()})
-        rows.append(f"| {dot} {number + 1} | {100 * share:.0f} % | {storey} | {float(h['score']):.1f} | {rooms} |")
+        rows.append(f"| {dot} {number + 1} | {100 * share:.0f} % | {_plain(storey)} | {score} | {rooms} |")
     return "\n".join(rows)
 
 
