@@ -74,7 +74,6 @@ def assemble_result(
         standing = standing_walls(bim, alignments, floors, anchoring.origin)
     place = _judged(final, run, known, standing, config)
     T_bim_map, reason = place.T_bim_map, place.reason
-    in_bim = known if T_bim_map is not None else None
     states = ScanUncertainty.joined([place.own, *_apart(unplaced, config)])
     if T_bim_map is None:
         advice = [*advice, *_not_anchored_advice(floors, run, bim, matches, reason), *_nearly_sure(place.place, config)]
@@ -83,6 +82,9 @@ def assemble_result(
             reason = f"{reason}; the map has several parts: {apart} of {len(states.part)} scans are not in the first"
     elif missing := what_is_not_anchored(states):
         reason = f"{reason}; {missing}"
+    first_anchor_s = None  # seconds from the run's first scan in the map
+    if T_bim_map is not None and final.first_anchor_ns is not None:
+        first_anchor_s = (final.first_anchor_ns - int(run.in_map.stamps_ns[0])) / 1e9
     whole = run.with_unplaced
     return Result(
         anchored=T_bim_map is not None,
@@ -96,8 +98,8 @@ def assemble_result(
         matches=matches,
         anchors=[record.to_dict() for record in anchoring.records] if anchoring is not None else [],
         factors=backend.log,
-        pose_covariances=_covariances(backend, in_bim, T_bim_map, run.in_map, run.begin),
-        first_anchor_s=None if T_bim_map is None else _first_anchor_s(final, run),
+        pose_covariances=_covariances(backend, known, T_bim_map, run.in_map, run.begin),
+        first_anchor_s=first_anchor_s,
         keyframes=len(backend.keyframes),
         seconds=dict(final.stopwatch.seconds),
         config=config,
@@ -190,11 +192,6 @@ def _nearly_sure(place: PlaceReport | None, config: Config) -> list[str]:
     line = f"the best place has a probability of {100 * least:.1f} %; --set anchors.commit={least:g} accepts that"
     _log.warning("%s", line)
     return [line]
-
-
-def _first_anchor_s(final: ActiveMap, run: RunPoses) -> float | None:
-    """Seconds from the run's first scan in the map to its first anchor; None if there is none."""
-    return None if final.first_anchor_ns is None else (final.first_anchor_ns - int(run.in_map.stamps_ns[0])) / 1e9
 
 
 def _quality(final: ActiveMap, run: RunPoses, own: ScanUncertainty, config: Config) -> Quality:
