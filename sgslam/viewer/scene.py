@@ -18,7 +18,6 @@ from sgslam.viewer.canvas import Canvas, rgb
 from sgslam.viewer.scans import ScanClouds
 from sgslam.viewer.shapes import (
     elevation_of,
-    lower_edges,
     merge_meshes,
     path_lines,
     polygon_mesh,
@@ -115,7 +114,7 @@ class RunScene:
 
     def _draw_walls(self, name: str, corners: Floats, colour: str, opacity: float, width: float) -> None:
         self.page.mesh(name, quad_mesh(corners), rgb(colour), opacity)
-        self.page.lines(f"{name}-feet", lower_edges(corners), rgb(colour), width)
+        self.page.lines(f"{name}-feet", corners[:, :2], rgb(colour), width)
 
     def _draw_rooms(
         self, name: str, rooms: Sequence[Room], tints: dict[str, str], z: float, colour: str, origin: Floats
@@ -223,7 +222,7 @@ class RunScene:
                 yaw, x, y = match["T_a_s"]
                 T = se2_to_se3(yaw, x, y, elevation_of(self._plan, match.get("floor")))
                 corners = wall_quads(graph.wall_surfaces, 0.0, absolute=False)
-                ends = transform_points(T, lower_edges(corners)) - self.page.origin
+                ends = transform_points(T, corners[:, :2]) - self.page.origin
             self.page.lines(f"/hypotheses/{number + 1}", ends, rgb(ROOMS[number]), 4.0 - 0.7 * number)
 
     def show_storey(self, storey: str | None) -> None:

@@ -40,11 +40,6 @@ def quad_mesh(corners: Floats) -> Mesh:
     return corners.reshape(-1, 3), triangles
 
 
-def lower_edges(corners: Floats) -> Floats:
-    """(N, 2, 3) the lower edges of quadrilaterals (N, 4, 3)."""
-    return corners[:, :2]
-
-
 def ring_lines(rings: Iterable[Any], z: float) -> Floats:
     """(N, 2, 3) the edges of open rings, each (K, 2), at height `z`."""
     sides = [np.empty((0, 2, 2))]
