@@ -15,8 +15,7 @@ from data.common.errors import UserError
 from data.trajectory import Trajectory
 from evaluation.metrics.statistics import Statistics
 from sgslam.geometry.frames import inverse
-from sgslam.geometry.trajectory_errors import TOLERANCE_NS, align_se3, yaw_errors
-from sgslam.report import associate
+from sgslam.geometry.trajectory_errors import TOLERANCE_NS, align_se3, associate, yaw_errors
 
 Array = NDArray[np.float64]
 PARTS = "plan_view", "height", "yaw"

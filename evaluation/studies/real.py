@@ -18,7 +18,7 @@ from evaluation.buildings import plan_graph
 from evaluation.metrics.trajectories import ape, error_in_bim, matched
 from evaluation.study import Case, Claim, Options, Record, Study
 from evaluation.tables import Column, Query, count, made, of, share, spread
-from sgslam.report import associate
+from sgslam.geometry.trajectory_errors import associate
 from sgslam.result import Result
 from sgslam.slam import SceneGraphSlam
 

@@ -150,13 +150,9 @@ def _write_summary(path: Path, results: list[dict[str, Any]]) -> tuple[Path, Pat
 
 def main(arguments: list[str] | None = None) -> int:
     """The command; returns 1 if a job failed, else 3 if one is not what its `--strict` demands. Raises UserError."""
-    parser = Parser(
-        prog="python -m sgslam.cli.batch",
-        description=(
-            "Run many jobs, and summarise them in JOBS_results.html and .csv beside the list. Jobs that are done are "
-            "skipped, interrupted ones are resumed. Exit code 1 if a job failed."
-        ),
-    )
+    about = "Run many jobs, and summarise them in JOBS_results.html and .csv beside the list. Jobs that are done are "
+    about += "skipped, interrupted ones are resumed. Exit code 1 if a job failed."
+    parser = Parser(prog="python -m sgslam.cli.batch", description=about)
     about = "CSV with the columns scans, plan, out, flags (further options of 'sgslam run'); only scans is required, "
     about += "paths are relative to the list; see docs/batch.md"
     parser.add_argument("list", type=Path, metavar="JOBS.csv", help=about)

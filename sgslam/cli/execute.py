@@ -3,6 +3,7 @@
 import multiprocessing
 import os
 import sys
+from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -60,15 +61,18 @@ def _in_one_process(options: RunOptions) -> tuple[dict[str, Any], Path, "LiveVie
     from sgslam.cli.job.inputs import RunInputs
     from sgslam.cli.job.run import Run, run_scans
     from sgslam.result.saving import prepare_folder
-    from sgslam.viewer.live import LiveView, open_page
-    from sgslam.viewer.rerun_log import recorded
+    from sgslam.viewer.live import LiveView
+    from sgslam.viewer.page import Page, parse_address
+    from sgslam.viewer.rerun_log import RerunLog
 
-    page = None if options.view is None else open_page(options.view)
+    page = None if options.view is None else Page(parse_address(options.view))
+    if page is not None:
+        print(f"view: {page.url}", flush=True)
     inputs = RunInputs.read(options)
     building = inputs.read_building()
     plan = None if building.bim is None else building.bim.graph
     out = prepare_folder(inputs.out)
-    with recorded(options.rerun, plan) as log:
+    with nullcontext() if options.rerun is None else closing(RerunLog(options.rerun, plan)) as log:
         run = Run(inputs, building)
         view = None if page is None else LiveView(page, plan, building.truth)
         watchers = [watcher.add_scan for watcher in (view, log) if watcher is not None]
@@ -92,22 +96,15 @@ def _print_summary(metrics: dict[str, Any], out: Path) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from sgslam.report.tables import accuracy_rows, badge, known_rows, place_rows, relocalised, stages_and_total
+    from sgslam.report import tables
 
-    table = Table(show_header=False, title=badge(metrics))
-    rows = {"reason": metrics["reason"], "quality of the map": _quality(metrics["quality"])}
-    rows |= dict(place_rows(metrics)) | dict(known_rows(metrics))
-    rows["scans"] = f"{metrics['scans']} ({metrics['scans_skipped']} skipped), {metrics['keyframes']} keyframes"
-    rows["tracking"] = ", ".join(f"{count} {health}" for health, count in metrics["tracked"].items())
+    table = Table(show_header=False, title=tables.badge(metrics))
     floors = "1 floor" if metrics["floors"] == 1 else f"{metrics['floors']} floors"
-    rows["map"] = f"{floors}, {metrics['rooms']} rooms, {metrics['wall_surfaces']} wall surfaces"
-    if (outcome := metrics["returned"]) is not None:
-        rows["relocalisation"] = relocalised(outcome)
-    if metrics["first_anchor_s"] is not None:
-        rows["first anchor"] = f"{metrics['first_anchor_s']:.1f} s after the start"
-    rows |= dict(accuracy_rows(metrics.get("accuracy", {})))
-    times = ", ".join(f"{name} {value:.1f}" for name, value in stages_and_total(metrics).items())
-    rows["time"] = f"{times} s (without the report)"
+    times = ", ".join(f"{name} {value:.1f}" for name, value in tables.stages_and_total(metrics).items())
+    rows = {"Reason": metrics["reason"], "Quality of the map": _quality(metrics["quality"])}
+    rows |= tables.run_rows(metrics)
+    rows["Map"] = f"{floors}, {metrics['rooms']} rooms, {metrics['wall_surfaces']} wall surfaces"
+    rows["Time"] = f"{times} s (without the report)"
     for name, value in rows.items():
         table.add_row(name, value)
     Console().print(table)

@@ -4,9 +4,6 @@ Draws the A-graph, lists gaps in the plan and places that look alike, and predic
 localise, for each start room.
 """
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-
 from data.common.cli import Parser, run_command
 from data.common.processes import cores
 from sgslam.cli.options import add_options, bounded
@@ -17,6 +14,9 @@ PAGE, VALUES = "inspection.html", "inspection.json"
 def main(arguments: list[str] | None = None) -> int:
     """The command. Raises UserError."""
     options = _parser().parse_args(arguments)
+    from rich.console import Console
+    from rich.progress import Progress
+
     from data.common.files import write_atomically, write_json
     from data.plans import load_bim
     from sgslam.inspection import InspectionSettings, inspect
@@ -26,9 +26,12 @@ def main(arguments: list[str] | None = None) -> int:
     bim = load_bim(options.bim, layers=options.layer)
     out = prepare_folder(options.out)
     settings = {"method": options.method, "maps": options.maps, "seed": options.seed}
-    with _progress() as update:
+    console = Console(stderr=True)
+    with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
+        task = bar.add_task("start rooms", total=None)
+        told = InspectionSettings(options.method, options.maps, options.seed)
         found = inspect(
-            bim.graph, bim.notices, InspectionSettings(options.method, options.maps, options.seed), options.jobs, update
+            bim.graph, bim.notices, told, options.jobs, lambda done, of: bar.update(task, completed=done, total=of)
         )
     write_json(out / VALUES, {"file": options.bim.name, **settings, **found.to_dict()})
     write_atomically(out / PAGE, inspection_html(found, options.bim.name))
@@ -60,17 +63,6 @@ def _parser() -> Parser:
     processes = "number of processes (default: one per core)"
     add("--jobs", type=bounded("--jobs", int, 1), default=cores(), metavar="N", help=processes)
     return parser
-
-
-@contextmanager
-def _progress() -> Iterator[Callable[[int, int], None]]:
-    from rich.console import Console
-    from rich.progress import Progress
-
-    console = Console(stderr=True)
-    with Progress(console=console, disable=not console.is_terminal, transient=True) as progress:
-        task = progress.add_task("start rooms", total=None)
-        yield lambda done, of: progress.update(task, completed=done, total=of)
 
 
 if __name__ == "__main__":

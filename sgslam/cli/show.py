@@ -32,7 +32,6 @@ def scene_of(run: "RunFolder") -> list[Any]:
     """The run's map, in the colours of its distances from the model where `export` has written these, its way and its
     walls. Raises UserError where Open3D is missing."""
     from data.trajectory import Trajectory
-    from sgslam.cli.export import map_points
     from sgslam.cloud_to_model import load_open3d, open3d_scene
     from sgslam.cloud_to_model.files import CLOUD
 
@@ -40,7 +39,7 @@ def scene_of(run: "RunFolder") -> list[Any]:
     positions = Trajectory.read_tum(run.path / "trajectory.tum").positions
     walls = [run.corners(surface) for surface in run.s_graph.wall_surfaces]
     if not (run.path / CLOUD).is_file():
-        points, *_ = map_points(run, run.config.clouds.map_voxel)
+        points, _ = run.map_points(run.config.clouds.map_voxel)
         return open3d_scene(points, positions, walls)
     coloured = o3d.io.read_point_cloud(str(run.path / CLOUD))
     return [coloured, *open3d_scene(positions[:0], positions, walls)[1:]]

@@ -10,18 +10,22 @@ def main(arguments: list[str] | None = None) -> int:
     parser = Parser(prog="python -m sgslam.cli.view", description="Show finished runs in the browser.")
     add = parser.add_argument
     add("runs", type=Path, nargs="+", metavar="OUT", help="--out folder of a run")
-    add("--at", metavar="[HOST:]PORT", help="address of the page (default: port 8080, this machine only)")
+    add(
+        "--at",
+        default="8080",
+        metavar="[HOST:]PORT",
+        help="address of the page (default: port 8080, this machine only)",
+    )
     add("--ground-truth", type=Path, metavar="FILE", help="true sensor poses in the BIM frame (default: the run's)")
     options = parser.parse_args(arguments)
     # imported only now, so that --help responds at once
     from data.trajectory import Trajectory
     from sgslam.viewer.finished import FinishedRun, FinishedView, stored_truth
-    from sgslam.viewer.page import HOST, PORT, Page, parse_address, serve_until_interrupted
+    from sgslam.viewer.page import Page, parse_address, serve_until_interrupted
 
-    at = (HOST, PORT) if options.at is None else parse_address(options.at)
     truth = None if options.ground_truth is None else Trajectory.read_tum(options.ground_truth)
     runs = [FinishedRun(path, truth or stored_truth(path)) for path in options.runs]
-    page = Page(at)
+    page = Page(parse_address(options.at))
     FinishedView(page, runs)
     serve_until_interrupted(page)
     return 0

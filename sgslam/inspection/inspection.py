@@ -1,21 +1,21 @@
 """Inspection of a plan before any robot drives: its defects, its self-similarity, and the rooms a robot must see."""
 
-import multiprocessing
-import os
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
+from threadpoolctl import threadpool_limits
+
 from data import SceneGraph
+from data.common.cluster import completed
 from data.synthetic_maps.exploration import storeys_of
 from matching import Matcher
 from matching.ambiguity.plan_checks import PlanIssue, count_walls, plan_issues, walls_without_room
 from matching.ambiguity.rooms_to_localise import MatchCache, RoomsToLocalise, rooms_to_localise
 from matching.ambiguity.symmetries import SelfSimilarity, SimilarPlace
 
-BLOCK = 12  # start rooms of a storey that one process inspects, since their maps are partly the same
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+_BLOCK = 12  # start rooms of a storey that one process inspects, since their maps are partly the same
 
 Block = tuple[int, range]  # index of the storey, indices of its start rooms
 
@@ -59,10 +59,8 @@ class Inspection:
     def counts(self, floor: str | None) -> dict[str, int]:
         """The number of rooms, wall surfaces, doors, and of walls that bound no room on a storey."""
         part = self.graph.on_floor(floor)
-        return {
-            "rooms": len(part.rooms), "wall_surfaces": len(part.wall_surfaces), "doors": len(part.doors),
-            "walls_without_room": count_walls(walls_without_room(part.wall_surfaces)),
-        }  # fmt: skip
+        counts = {name: len(getattr(part, name)) for name in ("rooms", "wall_surfaces", "doors")}
+        return counts | {"walls_without_room": count_walls(walls_without_room(part.wall_surfaces))}
 
 
 @dataclass(frozen=True)
@@ -75,76 +73,45 @@ class InspectionSettings:
 
 
 def inspect(
-    graph: SceneGraph, notices: tuple[str, ...] = (), settings: InspectionSettings | None = None, jobs: int = 1,
+    graph: SceneGraph,
+    notices: tuple[str, ...] = (),
+    settings: InspectionSettings | None = None,
+    jobs: int = 1,
     progress: Callable[[int, int], None] = lambda done, total: None,
-) -> Inspection:  # fmt: skip
-    """Inspects an A-graph with `jobs` single-threaded processes; `progress` is called after each start room.
+) -> Inspection:
+    """Inspects an A-graph with `jobs` single-threaded processes; `progress` is called as start rooms are done.
 
     Raises UserError for an unknown matcher.
     """
     blocks = [
-        (index, range(start, min(start + BLOCK, len(s.rooms))))
+        (index, range(start, min(start + _BLOCK, len(s.rooms))))
         for index, s in enumerate(storeys_of(graph))
-        for start in range(0, len(s.rooms), BLOCK)
+        for start in range(0, len(s.rooms), _BLOCK)
     ]
-    total = sum(len(starts) for _, starts in blocks)
+    work = partial(_inspect_block, graph, settings or InspectionSettings())
+    found: dict[Block, list[RoomInspection]] = {}
+    alone = jobs == 1 or len(blocks) < 2
+    for block, own in ((block, work(block)) for block in blocks) if alone else completed(work, blocks, jobs):
+        if isinstance(own, BaseException):
+            raise own
+        found[block] = own
+        progress(sum(map(len, found.values())), sum(len(starts) for _, starts in blocks))
     similarity = SelfSimilarity(graph)
     storeys = [[r.id for r in s.rooms if graph.surfaces_of_room[r.id]] for s in storeys_of(graph)]
     similar_storeys = tuple(place for rooms in storeys for place in similarity.similar_places(rooms))
-    rooms = {}
-    for done, found in enumerate(_inspected_rooms(graph, settings or InspectionSettings(), blocks, jobs), 1):
-        rooms[found.to_localise.room] = found
-        progress(done, total)
+    rooms = {room.to_localise.room: room for block in blocks for room in found[block]}
     return Inspection(graph, notices, tuple(plan_issues(graph)), similar_storeys, rooms)
 
 
-def _inspected_rooms(
-    graph: SceneGraph, settings: InspectionSettings, blocks: list[Block], jobs: int
-) -> Iterator[RoomInspection]:
-    if jobs == 1 or len(blocks) < 2:
-        inspector = _RoomInspector(graph, settings)
-        for block in blocks:
-            yield from inspector(block)
-        return
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
-    try:
-        spawn = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(jobs, spawn, _initialise, (graph.to_dict(), settings)) as pool:
-            for found in pool.map(_inspect_block, blocks):
-                yield from found
-    finally:
-        for name, value in before.items():
-            os.environ.pop(name) if value is None else os.environ.update({name: value})
-
-
-class _RoomInspector:
-    """The state of one process: the graph's self-similarity and the match cache of each storey."""
-
-    def __init__(self, graph: SceneGraph, settings: InspectionSettings) -> None:
-        self._similarity, matcher = SelfSimilarity(graph), Matcher.load(settings.method)
-        self._caches = [
-            MatchCache(graph, storey, index, matcher, settings.seed, settings.max_maps)
-            for index, storey in enumerate(storeys_of(graph))
-        ]
-
-    def __call__(self, block: Block) -> Iterator[RoomInspection]:
-        index, starts = block
-        cache = self._caches[index]
+def _inspect_block(graph: SceneGraph, settings: InspectionSettings, block: Block) -> list[RoomInspection]:
+    index, starts = block
+    similarity, matcher = SelfSimilarity(graph), Matcher.load(settings.method)
+    storey = storeys_of(graph)[index]
+    cache = MatchCache(graph, storey, index, matcher, settings.seed, settings.max_maps)
+    rooms = []
+    with threadpool_limits(1):
         for start in starts:
-            found = rooms_to_localise(cache, start, self._similarity)
+            found = rooms_to_localise(cache, start, similarity)
             bare = found.outcome == "no walls"
-            yield RoomInspection(found, () if bare else tuple(self._similarity.similar_places([found.room])))
-
-
-_inspector: _RoomInspector | None = None  # of a process of the pool
-
-
-def _initialise(graph: dict[str, Any], settings: InspectionSettings) -> None:
-    global _inspector
-    _inspector = _RoomInspector(SceneGraph.from_dict(graph), settings)
-
-
-def _inspect_block(block: Block) -> list[RoomInspection]:
-    assert _inspector is not None
-    return list(_inspector(block))
+            rooms.append(RoomInspection(found, () if bare else tuple(similarity.similar_places([found.room]))))
+    return rooms

@@ -15,9 +15,13 @@ from sgslam.report.number_formats import NOTHING
 def inspection_html(inspection: Inspection, name: str) -> str:
     """The page; `name` is the building's. All strings from data are escaped."""
     return TEMPLATES.get_template("inspection/inspection.html").render(
-        name=name, tiles=_tiles(inspection), issues=_issue_rows(inspection), storeys=_storeys(inspection),
-        similar_storeys=[_storey_row(inspection, place) for place in inspection.similar_storeys], legend=heat_labels(),
-    )  # fmt: skip
+        name=name,
+        tiles=_tiles(inspection),
+        issues=_issue_rows(inspection),
+        storeys=_storeys(inspection),
+        similar_storeys=[_storey_row(inspection, place) for place in inspection.similar_storeys],
+        legend=heat_labels(),
+    )
 
 
 def _storeys(inspection: Inspection) -> Iterator[tuple[str, str, list[list[str]]]]:
@@ -36,12 +40,15 @@ def _tiles(inspection: Inspection) -> dict[str, int | str]:
     graph, found = inspection.graph, [r.to_localise for r in inspection.rooms.values()]
     counts = [n.rooms for n in found if n.rooms is not None]
     return {
-        "storeys": len(graph.floors), "rooms": len(graph.rooms), "wall surfaces": len(graph.wall_surfaces),
+        "storeys": len(graph.floors),
+        "rooms": len(graph.rooms),
+        "wall surfaces": len(graph.wall_surfaces),
         "walls that bound no room": sum(inspection.counts(f.id)["walls_without_room"] for f in graph.floors),
-        "doors": len(graph.doors), "rooms to localise, median": median_high(counts) if counts else NOTHING,
+        "doors": len(graph.doors),
+        "rooms to localise, median": median_high(counts) if counts else NOTHING,
         "rooms to localise, maximum": max(counts, default=NOTHING),
         "start rooms that stay ambiguous": sum(n.outcome == "never" for n in found),
-    }  # fmt: skip
+    }
 
 
 def _issue_rows(inspection: Inspection) -> list[list[str]]:

@@ -1,14 +1,17 @@
 """The plan of a storey: rooms coloured by how many must be seen from there, walls, doors and connections."""
 
+from dataclasses import replace
+
 import numpy as np
 
+from data.scene_graph import Xy
 from matching.ambiguity.rooms_to_localise import RoomsToLocalise
 from sgslam.inspection.inspection import Inspection
-from sgslam.report.plan_drawing import DrawnRoom, Layers, Mark, PlanDrawing, planned_room, planned_wall
-from sgslam.report.plan_svg import Pen, svg_figure
+from sgslam.report.drawn_paths import Mark
+from sgslam.report.plan_drawing import Name, PlanDrawing, room_marks, room_name, wall_mark
+from sgslam.report.plan_svg import plan_svg
 
 STEPS = (1, 2, 3, 4, 6, 9)  # highest number of rooms of each colour; one more colour beyond
-LARGEST_COUNT_M = 0.9  # text height of the numbers in the rooms
 NEVER, UNKNOWN = "never", "none"
 
 
@@ -31,28 +34,29 @@ def room_count_text(found: RoomsToLocalise | None) -> str:
 def storey_svg(inspection: Inspection, floor: str | None) -> str:
     """The SVG of one storey; empty where there is nothing on it."""
     part = inspection.graph.on_floor(floor)
-    drawing = PlanDrawing("", tuple(map(planned_wall, part.wall_surfaces)), tuple(map(planned_room, part.rooms)))
-    if not drawing.bim_walls and not drawing.bim_rooms:
+    if not part.wall_surfaces and not part.rooms:
         return ""
-    pen = Pen(drawing.centre())
-    found = {r.id: inspection.rooms[r.id].to_localise if r.id in inspection.rooms else None for r in part.rooms}
-    rooms = list(zip(drawing.bim_rooms, found.values(), strict=True))
-    in_rooms = {w.id for w in part.wall_surfaces if w.room is not None}
-    lines = {known: [Mark(w.ends, w.title) for w in drawing.bim_walls if (w.id in in_rooms) is known]
-             for known in (True, False)}  # fmt: skip
     at = {r.id: r.centroid for r in part.rooms}
-    layers: Layers = [
-        ("heat", [_fill(room, n) for room, n in rooms]), ("bim-walls", lines[True]), ("walls-unmatched", lines[False]),
-        ("links", [Mark(np.array([d.centroid, at[room]])) for d in part.doors for room in d.rooms if room in at]),
-        ("doors", [Mark(np.array([d.centroid] * 2), d.id, looks=() if len(d.rooms) > 1 else ("outer",))
-                   for d in part.doors]),
-    ]  # fmt: skip
-    counts = "".join(
-        pen.text(r.label, room_count_text(n), min(3.0 * r.text_size(), LARGEST_COUNT_M), -0.05, "count")
-        for r, n in rooms
-    )
-    groups = [*pen.groups(layers), ("names", counts + pen.names(drawing.bim_rooms, 1.2))]
-    return svg_figure(groups, pen, drawing.bounds(), 'class="storey" role="img" aria-label="plan of a storey"')
+    heats, counts, names = [], [], []
+    for room in part.rooms:
+        found = inspection.rooms[room.id].to_localise if room.id in inspection.rooms else None
+        text, name = room_count_text(found), room_name(room, "names", 1.2)
+        (area,) = room_marks([room]) or (_dot(room.centroid),)
+        title = f"{name.text}: {text or 'no walls'}"
+        heats.append(replace(area, title=title, looks=(f"heat-{heat(found)}",)))
+        names.append(name)
+        counts.append(Name(text, name.place, 2.0 * name.size, "names", -0.05, "count"))
+    lines: dict[bool, list[Mark]] = {True: [], False: []}
+    for wall in part.wall_surfaces:
+        lines[wall.room is not None].append(wall_mark(wall, f"{wall.id} {wall.source}"))
+    links = [Mark(np.array([d.centroid, at[room]])) for d in part.doors for room in d.rooms if room in at]
+    doors = [replace(_dot(d.centroid), title=d.id, looks=() if len(d.rooms) > 1 else ("outer",)) for d in part.doors]
+    layers = {"heat": heats, "bim-walls": lines[True], "walls-unmatched": lines[False], "links": links, "doors": doors}
+    return plan_svg(PlanDrawing("plan of a storey", layers, [*counts, *names]), 'class="storey"')
+
+
+def _dot(place: Xy) -> Mark:
+    return Mark(np.array([place, place]))
 
 
 def heat_labels() -> dict[str, str]:
@@ -61,11 +65,3 @@ def heat_labels() -> dict[str, str]:
     labels = [str(high) if high == low + 1 else f"{low + 1} to {high}" for low, high in bounds]
     named = {str(n): label for n, label in enumerate([*labels, f"over {STEPS[-1]}"], 1)}
     return named | {NEVER: "never: ambiguous", "lost": "not found", UNKNOWN: "no walls"}
-
-
-def _fill(room: DrawnRoom, found: RoomsToLocalise | None) -> Mark:
-    """The area of a room, or a dot where its outline is not known."""
-    title, looks = f"{room.name}: {room_count_text(found) or 'no walls'}", (f"heat-{heat(found)}",)
-    if room.outline is None:
-        return Mark(np.array([room.label] * 2), title, looks=looks)
-    return Mark(room.outline, title, True, looks)

@@ -19,7 +19,7 @@ def main(arguments: list[str] | None = None) -> int:
         raise UserError(f"--odometry {options.odometry}: live runs take no poses from a file; name an odometry")
     # imported only now, so that --help and a missing argument respond at once
     from sgslam.cli.job.inputs import default_out, read_settings
-    from sgslam.cli.job.run import interruptible
+    from sgslam.cli.job.run import Interruption
     from sgslam.cli.processes.tracking_side import settle_threads
     from sgslam.live.live_slam import LiveSlam
     from sgslam.live.loop import LiveLoop, PoseLines
@@ -31,7 +31,7 @@ def main(arguments: list[str] | None = None) -> int:
     out = prepare_folder(options.out or default_out())
     settle_threads()
     logging.getLogger("sgslam").setLevel(logging.INFO)
-    with interruptible() as interruption:
+    with Interruption() as interruption:
         place: dict[str, Any] = {"storey": options.storey, "start": options.start, "map": options.map}
         live = LiveSlam(out, options.bim, config=config, **place, most_waiting=given.most_waiting, more=options)
         gc.freeze()  # what is loaded stays: the garbage collector need not scan it

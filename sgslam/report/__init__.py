@@ -1,11 +1,6 @@
 """The report and the plan picture of a run."""
 
-from sgslam.geometry.trajectory_errors import associate
 from sgslam.report.contents import ReportData
 from sgslam.report.run_folder import RunFolder
 
-__all__ = [
-    "ReportData",
-    "RunFolder",
-    "associate",
-]
+__all__ = ["ReportData", "RunFolder"]

@@ -13,7 +13,8 @@ from sgslam.geometry.frames import se2_to_se3
 from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
 
 Array = NDArray[np.float64]
-ENTERED_M = 1.0  # path length in a room from which on it counts as entered, not just looked into
+_ENTERED_M = 1.0  # path length in a room from which on it counts as entered, not just looked into
+DRAWN_HYPOTHESES = 4
 BESIDE_GAP_M = 3.0  # gap between the plan and a map of unknown place
 
 
@@ -61,11 +62,6 @@ class ReportData:
         """The number of the plan's rooms that have a match. The map may have one of them in several pieces."""
         return len({a for s, (a, _) in self.pairs("rooms").items() if s in self.s_graph.room_by_id})
 
-    def floor_named(self, floor_id: str | None) -> Floor | None:
-        """The BIM's storey of that id."""
-        floors = self.a_graph.floors if self.a_graph else ()
-        return next((f for f in floors if f.id == floor_id), None)
-
 
 def split_by_floor(data: ReportData) -> list[ReportData]:
     """The data of each floor of the map, with the parts of the trajectories on it; unchanged if there is only one.
@@ -93,13 +89,15 @@ def _on_floor(data: ReportData, floor: Floor, stamps: NDArray[np.int64], on: NDA
     storeys, ours = matches.get("floors"), there(data.trajectory_map)
     storey = (storeys or {}).get(floor.id, matches.get("floor"))
     return replace(
-        data, s_graph=data.s_graph.on_floor(floor.id), matches={**matches, "floor": storey} if matches else None,
+        data,
+        s_graph=data.s_graph.on_floor(floor.id),
+        matches={**matches, "floor": storey} if matches else None,
         trajectory_map=data.trajectory_map.only(ours),
         scans=None if data.scans is None else data.scans.only(ours),
         trajectory_odometry=data.trajectory_odometry.only(there(data.trajectory_odometry)),
         truth=None if data.truth is None else data.truth.only(there(data.truth)),
         placed=storeys is None or floor.id in storeys,
-    )  # fmt: skip
+    )
 
 
 def current_storey(data: ReportData) -> Floor | None:
@@ -110,14 +108,13 @@ def current_storey(data: ReportData) -> Floor | None:
     """
     if data.a_graph is None or not data.a_graph.floors or not data.placed:
         return None
-    for floor_id in ((data.matches or {}).get("floor"), *(h.get("floor") for h in data.hypotheses)):
-        if (floor := data.floor_named(floor_id)) is not None:
-            return floor
     floors, rooms = data.a_graph.floors, data.a_graph.rooms
+    by_id = {floor.id: floor for floor in floors}
+    for floor_id in ((data.matches or {}).get("floor"), *(h.get("floor") for h in data.hypotheses)):
+        if floor_id in by_id:
+            return by_id[floor_id]
     known = sorted((f.elevation, i) for i, f in enumerate(floors) if f.elevation is not None)
-    in_bim = data.truth
-    if data.T_bim_map is not None:
-        in_bim = data.known.transformed(data.T_bim_map)
+    in_bim = data.truth if data.T_bim_map is None else data.known.transformed(data.T_bim_map)
     if in_bim is not None and known and len(in_bim):
         height = float(np.median(in_bim.positions[:, 2]))
         below = [i for elevation, i in known if elevation <= height]
@@ -143,7 +140,7 @@ def entered_unmatched(data: ReportData) -> list[tuple[str | None, str]]:
         inside = _inside(room, in_bim)
         if room.id in matched or (floor is not None and room.floor != floor.id) or inside is None:
             continue
-        if inside.mean() * path_length(on_map) >= ENTERED_M:
+        if inside.mean() * path_length(on_map) >= _ENTERED_M:
             shared = {s: int((inside & own).sum()) for s, own in mapped.items()}
             most = max(shared, key=shared.__getitem__, default=None)
             found.append((most if most is not None and shared[most] else None, room.id))
@@ -171,24 +168,22 @@ def placement(data: ReportData, floor: Floor | None) -> tuple[Array, str]:
     """
     if data.a_graph is None:
         return np.eye(4), "The map (no plan was given)"
-    T_plan_map, remark = _place(data, floor)
+    candidates = [(data.matches or {}).get("T_a_s"), *(h.get("T_a_s") for h in data.hypotheses)]
+    best = next((g for g in candidates if g is not None), None)
+    if data.T_bim_map is not None:
+        T_plan_map, remark = data.T_bim_map, ""
+    elif best is not None:
+        T_plan_map = _hypothesis_pose(data, best, floor)
+        remark = "; the map is placed by the best hypothesis, which was not accepted"
+    else:
+        T_plan_map = _pose_beside_plan(data, floor)
+        remark = "; the map is drawn beside it, as its place is unknown"
     if not data.placed:
         return T_plan_map, f"{data.s_graph.floors[0].id} of the map: not placed in the plan"
     return T_plan_map, ((floor.name or floor.id) if floor else "The plan") + remark
 
 
-def _place(data: ReportData, floor: Floor | None) -> tuple[Array, str]:
-    """T_plan_map (4, 4), and where it is not sure, a remark on it."""
-    if data.T_bim_map is not None:
-        return data.T_bim_map, ""
-    candidates = [(data.matches or {}).get("T_a_s"), *(h.get("T_a_s") for h in data.hypotheses)]
-    best = next((g for g in candidates if g is not None), None)
-    if best is not None:
-        return hypothesis_pose(data, best, floor), "; the map is placed by the best hypothesis, which was not accepted"
-    return _pose_beside_plan(data, floor), "; the map is drawn beside it, as its place is unknown"
-
-
-def hypothesis_pose(data: ReportData, T_a_s: list[float], floor: Floor | None) -> Array:
+def _hypothesis_pose(data: ReportData, T_a_s: list[float], floor: Floor | None) -> Array:
     """T_bim_map (4, 4) of a hypothesis `T_a_s` [yaw, x, y], with the map's floor at the storey's elevation."""
     planned = floor.elevation if floor else None
     ours = next((f.elevation for f in data.s_graph.floors if f.elevation is not None), None)
@@ -203,7 +198,7 @@ def _pose_beside_plan(data: ReportData, floor: Floor | None) -> Array:
     ours: list[Any] = [w.centroid for w in data.s_graph.wall_surfaces]
     ours += list(data.trajectory_map.positions[:, :2])
     if not plan or not ours:
-        return hypothesis_pose(data, [0.0, 0.0, 0.0], floor)
+        return _hypothesis_pose(data, [0.0, 0.0, 0.0], floor)
     x = float(np.max(plan, axis=0)[0] - np.min(ours, axis=0)[0]) + BESIDE_GAP_M
     y = float(np.mean(plan, axis=0)[1] - np.mean(ours, axis=0)[1])
-    return hypothesis_pose(data, [0.0, x, y], floor)
+    return _hypothesis_pose(data, [0.0, x, y], floor)

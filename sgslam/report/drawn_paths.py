@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,50 +12,58 @@ from sgslam.geometry.frames import transform_points
 from sgslam.report.contents import ReportData
 
 Array = NDArray[np.float64]
-PathKind = Literal["odometry", "truth", "trajectory", "lost"]
 MAX_VERTICES = 3000  # of a drawn trajectory; more than a screen resolves
 _KNOWN, _LOST = 0, 1  # states of a scan; larger ones are parts that were not placed
-_SIGMAS = 2.0  # half the width of the band: 95 %
-_CORNERS = 24  # of a drawn ellipse, which is then too narrow by less than 1 %
-_ROUNDED = 0.001  # m, by which the band's outline may be off
 
 
 @dataclass(frozen=True)
-class DrawnPath:
-    """`points` is (N, 3), N > 1, in the plan's frame; `title` is the tooltip."""
+class Mark:
+    """A line through `points`, or (`closed`) the area within them, in the plan's frame: (N, 2), or (N, 3) where the 3D
+    view shows it, too. `top` is the z of a wall's upper edge.
+
+    `title` is the tooltip, `looks` are the style classes within its layer, `refers` the name and value of what tables
+    refer to it by.
+    """
 
     points: Array
     title: str = ""
+    closed: bool = False
+    looks: tuple[str, ...] = ()
+    refers: tuple[str, str] | None = None
+    top: float = 0.0
 
 
-def drawn_paths(data: ReportData, T_plan_map: Array) -> dict[PathKind, list[DrawnPath]]:
-    """The pieces of each path that is not empty; `lost` are those of scans whose pose is predicted. A part of the map
+def drawn_paths(data: ReportData, T_plan_map: Array) -> dict[str, list[Mark]]:
+    """The pieces of each path, from bottom to top; `lost` are those of scans whose pose is predicted. A part of the map
     that was not placed is not drawn."""
-    paths: dict[PathKind, list[DrawnPath]] = {"odometry": [], "truth": [], "trajectory": [], "lost": []}
-    if len(data.trajectory_odometry) and len(data.trajectory_map):
+    paths: dict[str, list[Mark]] = {"odometry": [], "trajectory": [], "lost": [], "truth": []}
+    if data.truth is not None and data.a_graph is not None:
+        paths["truth"] = _whole(data.truth, np.eye(4))
+    if not len(data.trajectory_map):
+        return paths
+    if len(data.trajectory_odometry):
         # both first poses coincide, so that the drift from there on shows
         T_map_odom = data.trajectory_map.poses[0] @ np.linalg.inv(data.trajectory_odometry.poses[0])
         paths["odometry"] = _whole(data.trajectory_odometry, T_plan_map @ T_map_odom)
-    if data.truth is not None and data.a_graph is not None:
-        paths["truth"] = _whole(data.truth, np.eye(4))
     if data.scans is None:
         paths["trajectory"] = _whole(data.trajectory_map, T_plan_map)
-    elif len(data.trajectory_map):
-        points, chosen, state = _vertices(data, T_plan_map)
-        for start, end in _runs(state):
-            if state[start] == _KNOWN:
-                paths["trajectory"].append(DrawnPath(_line(points[start:end])))
-            elif state[start] == _LOST:  # from the known pose before to the one after
-                around = np.arange(max(start - 1, 0), min(end + 1, len(state)))
-                piece = points[around[state[around] <= _LOST]]
-                seconds = data.scans.seconds
-                when = seconds[chosen[start]], seconds[(*chosen, len(seconds))[end] - 1]
-                paths["lost"].append(DrawnPath(_line(piece), _title(*when)))
-    return {kind: pieces for kind, pieces in paths.items() if pieces}
+        return paths
+    points, chosen, state = _vertices(data, T_plan_map)
+    for start, end in _runs(state):
+        if state[start] == _KNOWN:
+            paths["trajectory"].append(Mark(_line(points[start:end])))
+        elif state[start] == _LOST:  # from the known pose before to the one after
+            around = np.arange(max(start - 1, 0), min(end + 1, len(state)))
+            piece = points[around[state[around] <= _LOST]]
+            seconds = data.scans.seconds
+            first, last = seconds[chosen[start]], seconds[(*chosen, len(seconds))[end] - 1]
+            title = f"lost: {first:.1f} to {last:.1f} s after the first scan"
+            paths["lost"].append(Mark(_line(piece), title))
+    return paths
 
 
-def uncertainty_band(data: ReportData, T_plan_map: Array) -> list[Array]:
-    """Outlines (K, 2) of where the known part of an anchored trajectory lies with 95 %: holes run clockwise.
+def uncertainty_band(data: ReportData, T_plan_map: Array) -> list[Mark]:
+    """Where the known part of an anchored trajectory lies with 95 %.
 
     It is swept by the ellipses of the positions' standard deviations along x and y, and so reaches twice the standard
     deviation to either side of the way.
@@ -67,28 +75,32 @@ def uncertainty_band(data: ReportData, T_plan_map: Array) -> list[Array]:
     points, chosen, state = _vertices(data, T_plan_map)
     sigma = np.fmax.reduceat(data.scans.sigma[:, :2], chosen)
     state = np.where(np.isfinite(sigma).all(axis=1), state, _LOST)
-    angles = np.linspace(0.0, 2 * np.pi, _CORNERS, endpoint=False)
-    circle = np.column_stack([np.cos(angles), np.sin(angles)])
-    ellipses = points[:, None, :2] + _SIGMAS * sigma[:, None] * circle
+    angles = np.linspace(0.0, 2 * np.pi, 24, endpoint=False)  # which is too narrow by less than 1 %
+    ellipses = points[:, None, :2] + 2.0 * sigma[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
     swept: list[Any] = []
     for start, end in _runs(state):
         if state[start] == _KNOWN:
             own = _line(ellipses[start:end])
             pairs = np.concatenate([own[:-1], own[1:]], axis=1)
             swept.extend(shapely.convex_hull(shapely.multipoints(pairs)))
-    areas = [area for area in shapely.get_parts(shapely.union_all(swept).simplify(_ROUNDED)) if area.area]
-    oriented = [shapely.geometry.polygon.orient(area) for area in areas]
-    return [np.array(ring.coords) for area in oriented for ring in (area.exterior, *area.interiors)]
+    areas = [area for area in shapely.get_parts(shapely.union_all(swept).simplify(0.001)) if area.area]
+    return [Mark(_with_holes(shapely.geometry.polygon.orient(area)), closed=True) for area in areas]
 
 
-def subsample(count: int, most: int) -> NDArray[np.intp]:
+def _with_holes(area: Any) -> Array:
+    """(K, 2) one outline around an area and back around each of its holes, by ways that cancel."""
+    begin = np.array(area.exterior.coords)
+    return np.vstack([begin, *(piece for hole in area.interiors for piece in (np.array(hole.coords), begin[:1]))])
+
+
+def subsample(count: int, most: int = MAX_VERTICES) -> NDArray[np.intp]:
     """Indices of at most `most` of `count` items, evenly spaced, including the first and the last."""
     return np.linspace(0, count - 1, min(count, most)).round().astype(np.intp)
 
 
-def _whole(trajectory: Trajectory, T_plan: Array) -> list[DrawnPath]:
-    chosen = subsample(len(trajectory), MAX_VERTICES)
-    return [DrawnPath(_line(transform_points(T_plan, trajectory.positions[chosen])))] if len(chosen) else []
+def _whole(trajectory: Trajectory, T_plan: Array) -> list[Mark]:
+    chosen = subsample(len(trajectory))
+    return [Mark(_line(transform_points(T_plan, trajectory.positions[chosen])))] if len(chosen) else []
 
 
 def _vertices(data: ReportData, T_plan_map: Array) -> tuple[Array, NDArray[np.intp], NDArray[np.int64]]:
@@ -97,7 +109,7 @@ def _vertices(data: ReportData, T_plan_map: Array) -> tuple[Array, NDArray[np.in
     A vertex stands for the scans up to the next one: where the place of any of them is not known, its own is not.
     """
     assert data.scans is not None
-    chosen = subsample(len(data.trajectory_map), MAX_VERTICES)
+    chosen = subsample(len(data.trajectory_map))
     state = np.where(data.scans.part > 0, data.scans.part + _LOST, np.where(data.scans.lost, _LOST, _KNOWN))
     points = transform_points(T_plan_map, data.trajectory_map.positions[chosen])
     return points, chosen, np.maximum.reduceat(state, chosen)
@@ -112,7 +124,3 @@ def _runs(state: NDArray[np.int64]) -> Iterator[tuple[int, int]]:
 def _line(points: Array) -> Array:
     """At least two points: a lone one is drawn as a dot."""
     return np.repeat(points, 2, axis=0) if len(points) == 1 else points
-
-
-def _title(begin: float, end: float) -> str:
-    return f"lost: {begin:.1f} to {end:.1f} s after the first scan"

@@ -5,7 +5,6 @@ Entries are those of elements.json, where unplanned walls have the same form (`s
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from data.scene_graph import Floor
 from sgslam.as_built.deviation_bands import UNPLANNED, signed_mm
+from sgslam.report.drawn_paths import Mark
 from sgslam.report.number_formats import NOTHING
 
 Array = NDArray[np.float64]
@@ -32,70 +32,34 @@ def kind(ifc_class: str) -> str:
     return " ".join(words).capitalize() if words else ifc_class
 
 
-def is_spread_out(ifc_class: str) -> bool:
-    """Whether an element covers others in plan view, as slabs do."""
-    return ifc_class.startswith(_SPREAD_OUT)
-
-
 def slug(verdict: str) -> str:
     """A verdict as part of a CSS class."""
     return verdict.replace(" ", "-")
 
 
-@dataclass(frozen=True)
-class DrawnElement:
-    """`outline` (K, 2) in the BIM frame, not closed. `flat`: it lies under or over everything else, as slabs do."""
-
-    global_id: str
-    outline: Array
-    verdict: str
-    title: str
-    flat: bool
-
-
-def drawn_elements(entries: Sequence[Entry], floor: Floor | None) -> tuple[DrawnElement, ...]:
-    """The elements of a storey, all where it is None; `entries` are those of elements.json."""
-    return tuple(
-        DrawnElement(
-            entry["global_id"], np.array(entry["outline"], dtype=float), entry["verdict"], _title(entry),
-            is_spread_out(entry["ifc_class"]),
-        )
-        for entry in entries
-        if len(entry["outline"]) >= 3
-        and (floor is None or entry["storey"] in (floor.id, floor.name))
-    )  # fmt: skip
+def element_marks(entries: Sequence[Entry], floor: Floor | None) -> list[Mark]:
+    """The elements of a storey, all where it is None, in the BIM frame; slabs, which cover others in plan view, come
+    first and are `flat`."""
+    marks = []
+    for entry in entries:
+        if len(entry["outline"]) < 3 or (floor is not None and entry["storey"] not in (floor.id, floor.name)):
+            continue
+        flat = ("flat",) if entry["ifc_class"].startswith(_SPREAD_OUT) else ()
+        told = f"{element_name(entry)} ({kind(entry['ifc_class'])}): {entry['verdict']}\n{entry['reason']}"
+        looks = (f"verdict-{slug(entry['verdict'])}", *flat)
+        outline = np.array(entry["outline"], dtype=float)
+        marks.append(Mark(outline, told, True, looks, ("element", entry["global_id"])))
+    return sorted(marks, key=lambda mark: "flat" not in mark.looks)
 
 
-def _title(entry: Entry) -> str:
-    return f"{element_name(entry)} ({kind(entry['ifc_class'])}): {entry['verdict']}\n{entry['reason']}"
+COLUMNS = ("Element", "Kind", "Storey", "Rooms", "Verdict", "Offset", "Sigma", "LOA", "DIN 18202", "Seen", "Reason")
+Cell = tuple[str, float | None]  # its text, and what orders the column: None where the text does, or there is nothing
 
 
-COLUMNS = (
-    "Element", "Kind", "Storey", "Rooms", "Verdict", "Offset", "Sigma", "LOA", "DIN 18202", "Seen", "Reason"
-)  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Cell:
-    """`sort` orders the column by numbers; None where the text does, and for a cell without a value."""
-
-    text: str
-    sort: float | None = None
-
-
-@dataclass(frozen=True)
-class ElementRow:
-    """One element; `cells` are as many as COLUMNS."""
-
-    global_id: str
-    verdict: str
-    cells: tuple[Cell, ...]
-
-
-def element_rows(entries: Sequence[Entry]) -> list[ElementRow]:
-    """The rows: what needs a look first, in the order of VERDICTS, the largest offset first."""
+def element_rows(entries: Sequence[Entry]) -> list[tuple[Entry, list[Cell]]]:
+    """Each element with its cells: what needs a look first, in the order of VERDICTS, the largest offset first."""
     ranked = sorted(entries, key=lambda e: (VERDICTS.index(e["verdict"]), -abs(e["offset_m"] or 0.0)))
-    return [ElementRow(entry["global_id"], entry["verdict"], _cells(entry)) for entry in ranked]
+    return [(entry, _cells(entry)) for entry in ranked]
 
 
 def verdict_counts(entries: Sequence[Entry]) -> dict[str, int]:
@@ -103,50 +67,41 @@ def verdict_counts(entries: Sequence[Entry]) -> dict[str, int]:
     return {verdict: sum(entry["verdict"] == verdict for entry in entries) for verdict in VERDICTS}
 
 
-def coverage(entries: Sequence[Entry]) -> float:
-    """The share of the planned elements that were seen."""
-    return 1 - verdict_counts(entries)["not seen"] / max(planned_count(entries), 1)
-
-
-def planned_count(entries: Sequence[Entry]) -> int:
-    """The number of planned elements."""
-    return sum(entry["verdict"] != UNPLANNED for entry in entries)
-
-
-def _cells(entry: Entry) -> tuple[Cell, ...]:
-    verdict = entry["verdict"]
+def _cells(entry: Entry) -> list[Cell]:
+    verdict, offset, sigma = entry["verdict"], entry["offset_m"], entry["sigma_m"]
     shown = verdict if entry["conclusive"] or verdict in ("not seen", "uncertain") else f"{verdict}, not conclusive"
-    offset, sigma = entry["offset_m"], entry["sigma_m"]
-    return (
-        Cell(element_name(entry)),
-        Cell(kind(entry["ifc_class"])),
-        Cell(", ".join(filter(None, (entry["storey"], entry.get("grid")))) or NOTHING),
-        Cell(", ".join(entry["rooms"]) or NOTHING),
-        Cell(shown, VERDICTS.index(verdict)),
-        Cell(NOTHING) if offset is None else Cell(signed_mm(offset), abs(offset)),
-        Cell(NOTHING) if sigma is None else Cell(f"{1000 * sigma:.1f} mm", sigma),
-        Cell(entry["loa"] or NOTHING),
-        Cell(entry["din_18202"] or NOTHING),
-        Cell(NOTHING) if verdict in ("not seen", UNPLANNED) else Cell(f"{100 * entry['seen']:.0f} %", entry["seen"]),
-        Cell(entry["reason"]),
-    )
-
-
-_DRAWN = 0.1  # m, the thickness of an unplanned wall in the plan
+    seen = None if verdict in ("not seen", UNPLANNED) else entry["seen"]
+    cells: list[Cell] = [
+        (element_name(entry), None),
+        (kind(entry["ifc_class"]), None),
+        (", ".join(filter(None, (entry["storey"], entry.get("grid")))), None),
+        (", ".join(entry["rooms"]), None),
+        (shown, VERDICTS.index(verdict)),
+        (signed_mm(offset), None if offset is None else abs(offset)),
+        ("" if sigma is None else f"{1000 * sigma:.1f} mm", sigma),
+        (entry["loa"], None),
+        (entry["din_18202"], None),
+        ("" if seen is None else f"{100 * seen:.0f} %", seen),
+        (entry["reason"], None),
+    ]
+    return [(text or NOTHING, sort) for text, sort in cells]
 
 
 def shown_as_element(wall: Entry) -> dict[str, Any]:
-    """An entry of `unplanned` in elements.json, in the form of an entry of `elements`."""
+    """An entry of `unplanned` in elements.json, in the form of an entry of `elements`, as far as the report shows it;
+    the wall is drawn 0.1 m thick."""
     low, high = wall["height_m"]
-    behind = -_DRAWN * np.array(wall["facing"])
     first, last = np.array(wall["trace"])
-    nothing = dict.fromkeys((
-        "offset_m", "direction", "sigma_m", "loa", "turn_rad", "turn_sigma_rad", "din_18202_limit_m", "din_18202",
-        "seen", "views",
-    ))  # fmt: skip
+    behind = -0.1 * np.array(wall["facing"])
     return {
-        **nothing, "global_id": wall["id"], "name": f"{wall['length_m']:.1f} m, not planned", "ifc_class": "IfcWall",
-        "storey": wall["storey"], "rooms": [wall["room"]] if wall["room"] else [], "verdict": UNPLANNED,
-        "conclusive": True, "reason": f"{wall['length_m']:.1f} m long, z {low:.2f} to {high:.2f} m; {wall['reason']}",
-        "outline": [place.tolist() for place in (first, last, last + behind, first + behind)], "grid": "",
-    }  # fmt: skip
+        "global_id": wall["id"],
+        "name": f"{wall['length_m']:.1f} m, not planned",
+        "ifc_class": "IfcWall",
+        "storey": wall["storey"],
+        "rooms": [wall["room"]] if wall["room"] else [],
+        "verdict": UNPLANNED,
+        "conclusive": True,
+        "reason": f"{wall['length_m']:.1f} m long, z {low:.2f} to {high:.2f} m; {wall['reason']}",
+        "outline": [place.tolist() for place in (first, last, last + behind, first + behind)],
+        **dict.fromkeys(("offset_m", "sigma_m", "loa", "din_18202")),
+    }

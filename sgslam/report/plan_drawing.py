@@ -4,27 +4,23 @@ Drawn by `plan_png`, `plan_svg` and `scene_3d`. The plan's frame is the BIM fram
 the map frame; metres.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from data.scene_graph import Floor, Room, SceneGraph, WallSurface
+from data.scene_graph import WALL_HEIGHT, Floor, Room, SceneGraph, WallSurface
 from sgslam.as_built.deviation_bands import band_of, deviation_text
 from sgslam.geometry.frames import transform_points
 from sgslam.report.contents import ReportData, current_storey, placement
-from sgslam.report.drawn_paths import DrawnPath, PathKind, drawn_paths, subsample, uncertainty_band
-from sgslam.report.elements import DrawnElement, drawn_elements, element_name, slug
+from sgslam.report.drawn_paths import Mark, drawn_paths, subsample, uncertainty_band
+from sgslam.report.elements import element_marks, element_name
 
 Array = NDArray[np.float64]
-MAX_KEYFRAMES = 1000
-STUB_M = 0.4  # drawn length of a wall surface whose length is not known
-STOREY_M, SENSOR_M = 2.5, 1.0  # drawn height of a wall, and of the sensor above the floor, where not known
-LARGEST_TEXT_M, SMALLEST_TEXT_M = 0.42, 0.12
-GLYPH_WIDTH = 0.6  # of a letter, relative to the text's size
-STRAY = 0.3  # of the building's longer side, by which paths at unknown places may widen the view
+_TEXT_M = 0.42  # height of a name, at most
+_STRAY = 0.3  # of the building's longer side, by which paths at unknown places may widen the view
 
 LABELS = {
     "bim-walls": "wall of the BIM",
@@ -48,240 +44,173 @@ NOT_ANCHORED = {
     "trajectory": "trajectory, not anchored",
 }
 WITHOUT_PLAN = {"walls-unmatched": "mapped wall", "odometry": "odometry", "trajectory": "trajectory"}
+_UNSURE = ("odometry", "lost")  # layers that may stray, and are cut off then
+_NOT_SHOWN_FOR = (*_UNSURE, "elements", "uncertainty", "matches")  # layers that do not widen the view
 
 
 @dataclass(frozen=True)
-class DrawnWall:
-    """`ends` (2, 2) in plan, the first on the left when looking along the normal; `z` of its lower and upper edge.
+class Name:
+    """Text of a height `size` (m) in a layer, moved down from its `place` (2,) by `rise` times its size; `look` is its
+    style class."""
 
-    `title` is the tooltip; `band` the class of its deviation from the plan (see `deviation_bands`), None where unknown.
-    """
-
-    id: str
-    ends: Array
-    z: tuple[float, float]
-    matched: bool
-    title: str
-    band: str | None = None
-    significant: bool = False
-
-
-@dataclass(frozen=True)
-class DrawnRoom:
-    """`outline` is (K, 2), not closed, or None; `label` is the position of its name."""
-
-    outline: Array | None
-    label: Array
-    name: str
-    matched: bool
-    title: str
-
-    def text_size(self) -> float:
-        """The text height (m) at which the name fits the room's width."""
-        if self.outline is None:
-            return 0.7 * LARGEST_TEXT_M
-        fits = 0.9 * np.ptp(self.outline[:, 0]) / (GLYPH_WIDTH * max(len(self.name), 3))
-        return float(np.clip(fits, SMALLEST_TEXT_M, LARGEST_TEXT_M))
-
-
-@dataclass(frozen=True)
-class Mark:
-    """A line through `points` (N, 2), in the plan's frame, or (`closed`) the area within them. `title` is the tooltip,
-    `looks` are the style classes within its layer, `refers` the name and value of what tables refer to it by."""
-
-    points: Array
-    title: str = ""
-    closed: bool = False
-    looks: tuple[str, ...] = ()
-    refers: tuple[str, str] | None = None
-
-
-Layers = list[tuple[str, list[Mark]]]  # by name, from bottom to top
+    text: str
+    place: Array
+    size: float
+    layer: str
+    rise: float
+    look: str = ""
 
 
 @dataclass(frozen=True)
 class PlanDrawing:
     """One storey.
 
-    `match_lines` is (M, 2, 2): from each matched S surface's mid point to its A surface's. `keyframes` is (K, 3),
-    `floor_z` the floor's height. `labels` names the layers in the legends. `T_plan_map` (4, 4) places the map in the
-    plan. `withdrawn` are the planned walls whose anchors were withdrawn. `band` holds the outlines (K, 2) of the
-    trajectory's uncertainty. `elements` are the planned elements with a verdict.
+    `layers` are from bottom to top, with `labels` for the legends; `names` are those of rooms. `keyframes` is (K, 3),
+    `floor_z` the floor's height. `T_plan_map` (4, 4) places the map in the plan.
     """
 
     heading: str
-    bim_walls: tuple[DrawnWall, ...]
-    bim_rooms: tuple[DrawnRoom, ...]
-    map_walls: tuple[DrawnWall, ...] = ()
-    map_rooms: tuple[DrawnRoom, ...] = ()
-    match_lines: Array = field(default_factory=lambda: np.empty((0, 2, 2)))
-    paths: dict[PathKind, list[DrawnPath]] = field(default_factory=dict)
+    layers: dict[str, list[Mark]]
+    names: Sequence[Name] = ()
+    labels: dict[str, str] = field(default_factory=dict)
     keyframes: Array = field(default_factory=lambda: np.empty((0, 3)))
     floor_z: float = 0.0
-    labels: dict[str, str] = field(default_factory=dict)
     T_plan_map: Array = field(default_factory=lambda: np.eye(4))
-    withdrawn: tuple[DrawnWall, ...] = ()
-    band: Sequence[Array] = ()
-    elements: tuple[DrawnElement, ...] = ()
 
     def bounds(self) -> tuple[Array, Array]:
         """The lower left and upper right corners (2,) of the view; paths that stray far away are cut off: the
         odometry, and what was not placed."""
-        parts = [w.ends for w in (*self.bim_walls, *self.map_walls)]
-        for room in (*self.bim_rooms, *self.map_rooms):
-            parts.append(room.label[None] if room.outline is None else room.outline)
-        sure, unsure = self._places("trajectory", "truth"), self._places("odometry", "lost")
-        points = np.vstack([*parts, sure]) if len(parts) or len(sure) else unsure
+        unsure = self._points(*_UNSURE)
+        points = self._points(*(layer for layer in self.layers if layer not in _NOT_SHOWN_FOR))
+        points = np.vstack([points, *(name.place for name in self.names)])
         if not len(points):
-            return np.array([-1.0, -1.0]), np.array([1.0, 1.0])
+            points = unsure if len(unsure) else np.array([[-1.0, -1.0], [1.0, 1.0]])
         low, high = points.min(axis=0), points.max(axis=0)
-        stray = max(STRAY * float((high - low).max()), 1.0)
+        stray = max(_STRAY * float((high - low).max()), 1.0)
         strayed = np.vstack([points, np.clip(unsure, low - stray, high + stray)])
         return strayed.min(axis=0), strayed.max(axis=0)
 
-    def _places(self, *kinds: PathKind) -> Array:
-        """(N, 2) all vertices of paths."""
-        pieces = [path.points[:, :2] for kind in kinds for path in self.paths.get(kind, ())]
-        return np.vstack([np.empty((0, 2)), *pieces])
+    def _points(self, *layers: str) -> Array:
+        """(N, 2) all vertices of layers."""
+        marks = [mark.points[:, :2] for layer in layers for mark in self.layers.get(layer, ())]
+        return np.vstack([np.empty((0, 2)), *marks])
 
     def centre(self) -> Array:
         """(2,) the centre in whole metres, the origin of drawings."""
         low, high = self.bounds()
         return np.round((low + high) / 2)
 
-    def layers(self) -> Layers:
-        """All that is drawn but the names of rooms and the trajectory's uncertainty."""
-        lines = {kind: [Mark(path.points[:, :2], path.title) for path in own] for kind, own in self.paths.items()}
-        if way := lines.get("trajectory"):  # lines of no length: dots
-            places = (("start", way[0].points[0]), ("end", way[-1].points[-1]))
-            way += [Mark(np.stack([place, place]), name, looks=(name,)) for name, place in places]
-        elements = [
-            Mark(e.outline, e.title, True, (f"verdict-{slug(e.verdict)}", *["flat"] * e.flat), ("element", e.global_id))
-            for e in sorted(self.elements, key=lambda e: not e.flat)
-        ]
-        return [
-            ("rooms-matched", _outlines(r for r in self.bim_rooms if r.matched)),
-            ("map-rooms", _outlines(self.map_rooms)),
-            ("bim-walls", [Mark(w.ends, w.title) for w in self.bim_walls]),
-            ("elements", elements),
-            ("anchors-withdrawn", [Mark(w.ends, w.title) for w in self.withdrawn]),
-            ("walls-unmatched", _mapped(w for w in self.map_walls if not w.matched)),
-            ("walls-matched", _mapped(w for w in self.map_walls if w.matched)),
-            ("matches", [Mark(line) for line in self.match_lines]),
-            *((kind, lines.get(kind, [])) for kind in ("odometry", "trajectory", "lost", "truth")),
-        ]
-
     @property
     def with_deviations(self) -> bool:
         """Whether any mapped wall has a known deviation from the plan."""
-        return any(w.band for w in self.map_walls)
-
-
-def _outlines(rooms: Iterable[DrawnRoom]) -> list[Mark]:
-    return [Mark(r.outline, r.title, True) for r in rooms if r.outline is not None]
-
-
-def _mapped(walls: Iterable[DrawnWall]) -> list[Mark]:
-    """Significant ones last, on top."""
-    return [
-        Mark(w.ends, w.title, False, (*([f"band-{w.band}"] if w.band else []), *["significant"] * w.significant),
-             ("wall", w.id))
-        for w in sorted(walls, key=lambda w: w.significant)
-    ]  # fmt: skip
+        walls = [*self.layers["walls-matched"], *self.layers["walls-unmatched"]]
+        return any(look.startswith("band-") for wall in walls for look in wall.looks)
 
 
 def plan_drawing(data: ReportData) -> PlanDrawing:
     """Selects the storey, places the map in the plan and converts both to lines and outlines."""
     floor = current_storey(data)
     T_plan_map, heading = placement(data, floor)
-    if not data.placed:
-        data = replace(data, a_graph=SceneGraph("bim"))  # it lies on none of the plan's storeys
-    floor_z = _floor_z(data, floor, T_plan_map)
-    rooms_a = [r for r in (data.a_graph.rooms if data.a_graph else ()) if _on(r, floor)]
-    matched_rooms = data.pairs("rooms")
-    names = {r.id: r.name or r.id for r in (*rooms_a, *data.s_graph.rooms)}
-    labels = {r.id: np.array(r.centroid) for r in rooms_a}
-    taken_a = {a for a, _ in matched_rooms.values()}
-    bim_walls = planned_walls(data, floor, floor_z)
-    return PlanDrawing(
-        heading,
-        bim_walls,
-        tuple(planned_room(r, r.id in taken_a) for r in rooms_a),
-        mapped_walls(data, T_plan_map, floor_z),
-        tuple(_room(r, T_plan_map, r.id in matched_rooms, _pair_title(data, r.id, matched_rooms, names),
-                    labels.get(matched_rooms.get(r.id, ("", 0.0))[0])) for r in data.s_graph.rooms),
-        _match_lines(data, T_plan_map, {w.id for w in bim_walls}),
-        drawn_paths(data, T_plan_map),
-        _keyframes(data, T_plan_map),
-        floor_z,
-        _labels(data),
-        T_plan_map,
-        _withdrawn(data, bim_walls),
-        uncertainty_band(data, T_plan_map),
-        drawn_elements(data.elements, floor) if data.placed else (),
-    )  # fmt: skip
+    plan = SceneGraph("bim") if data.a_graph is None or not data.placed else data.a_graph  # else it is on no storey
+    if floor is not None:
+        plan = plan.on_floor(floor.id)
+    floor_z, pairs = _floor_z(data, floor, T_plan_map), data.pairs("rooms")
+    taken = {a for a, _ in pairs.values()}
+    planned = _planned_walls(data, plan, floor_z)
+    mapped = {own: _mapped_walls(data, T_plan_map, floor_z, own) for own in (True, False)}
+    room_names = {r.id: r.name or r.id for r in (*plan.rooms, *data.s_graph.rooms)}
+    places = {r.id: np.array(r.centroid) for r in plan.rooms}
+    names = [room_name(room, "bim-walls", -0.25) for room in plan.rooms]
+    for room in data.s_graph.rooms:
+        is_matched = room.id in pairs
+        own = room_name(room, "map-rooms", 0.95 if is_matched else 0.35, T_plan_map)
+        place = places.get(pairs[room.id][0]) if is_matched else None
+        names.append(own if place is None else replace(own, place=place))
+    outlined = [room for room in data.s_graph.rooms if room.polygon]
+    layers = {
+        "rooms": room_marks([r for r in plan.rooms if r.id not in taken]),
+        "rooms-matched": room_marks([r for r in plan.rooms if r.id in taken]),
+        "map-rooms": [
+            Mark(_placed_xy(r.polygon, T_plan_map), _pair_title(data, r.id, pairs, room_names), closed=True)
+            for r in outlined
+        ],
+        "uncertainty": uncertainty_band(data, T_plan_map),
+        "bim-walls": list(planned.values()),
+        "elements": element_marks(data.elements, floor) if data.placed else [],
+        "anchors-withdrawn": _withdrawn(data, planned),
+        "walls-unmatched": mapped[False],
+        "walls-matched": mapped[True],
+        "matches": _match_lines(data, T_plan_map, plan),
+        **drawn_paths(data, T_plan_map),
+    }
+    labels = LABELS
+    if data.T_bim_map is None:
+        labels = LABELS | (WITHOUT_PLAN if data.a_graph is None else NOT_ANCHORED)
+    keyframes = np.array([k.pose[:3] for k in data.s_graph.keyframes], dtype=float).reshape(-1, 3)
+    keyframes = transform_points(T_plan_map, keyframes[subsample(len(keyframes))])
+    return PlanDrawing(heading, layers, names, labels, keyframes, floor_z, T_plan_map)
 
 
-def _labels(data: ReportData) -> dict[str, str]:
-    if data.T_bim_map is not None:
-        return LABELS
-    return LABELS | (WITHOUT_PLAN if data.a_graph is None else NOT_ANCHORED)
+def wall_mark(wall: WallSurface, title: str, floor_z: float = 0.0, above: float = 0.0) -> Mark:
+    """A wall surface in the frame of its graph; its heights are `above` the graph's z, and unknown ones are guessed."""
+    low, high = (floor_z, floor_z + WALL_HEIGHT)
+    if wall.height is not None:
+        low, high = wall.height[0] + above, wall.height[1] + above
+    return Mark(np.column_stack([np.array(wall.ends()), [low, low]]), title.strip(), top=high)
 
 
-def planned_wall(wall: WallSurface) -> DrawnWall:
-    """A wall surface of the BIM, in the BIM frame."""
-    return _wall(wall, np.eye(4), 0.0, False, f"{wall.id} {wall.source}")
+def room_marks(rooms: Sequence[Room]) -> list[Mark]:
+    """The areas of the BIM's rooms whose outlines are known."""
+    return [Mark(np.array(r.polygon, dtype=float), r.name or r.id, closed=True) for r in rooms if r.polygon]
 
 
-def planned_room(room: Room, matched: bool = False) -> DrawnRoom:
-    """A room of the BIM, in the BIM frame."""
-    return _room(room, np.eye(4), matched, room.name or room.id)
+def room_name(room: Room, layer: str, rise: float, T_plan: Array | None = None) -> Name:
+    """The name of a room, as large as fits its width."""
+    text, T = room.name or room.id, np.eye(4) if T_plan is None else T_plan
+    size = 0.7 * _TEXT_M
+    if room.polygon:
+        width = float(np.ptp(_placed_xy(room.polygon, T)[:, 0]))
+        size = min(1.5 * width / max(len(text), 3), _TEXT_M)  # a letter is 0.6 times as wide as high
+    return Name(text, _placed_xy(room.centroid, T)[0], size, layer, rise)
 
 
-def planned_walls(data: ReportData, floor: Floor | None, floor_z: float) -> tuple[DrawnWall, ...]:
-    """The BIM's wall surfaces on a storey (all where it is None), in the BIM frame."""
-    walls = [w for w in (data.a_graph.wall_surfaces if data.a_graph else ()) if _on(w, floor)]
+def _planned_walls(data: ReportData, plan: SceneGraph, floor_z: float) -> dict[str, Mark]:
+    """The BIM's wall surfaces on the storey, by id."""
     absent = {d["a_id"] for d in data.deviations if d["kind"] == "absent"}
     names = {entry["global_id"]: element_name(entry) for entry in data.elements}
-    return tuple(
-        _wall(
-            w, np.eye(4), floor_z, False,
-            f"{w.id} {names.get(w.source, w.source)}{': not found' if w.id in absent else ''}",
-        )
-        for w in walls
-    )  # fmt: skip
+    return {
+        w.id: wall_mark(w, f"{w.id} {names.get(w.source, w.source)}{': not found' if w.id in absent else ''}", floor_z)
+        for w in plan.wall_surfaces
+    }
 
 
-def mapped_walls(data: ReportData, T_plan_map: Array, floor_z: float) -> tuple[DrawnWall, ...]:
-    """The map's wall surfaces (whose heights are over their floor), placed in the plan, with their deviations."""
+def _mapped_walls(data: ReportData, T_plan_map: Array, floor_z: float, matched: bool) -> list[Mark]:
+    """The map's wall surfaces that are matched, or are not, placed in the plan, with their deviations; significant ones
+    last, on top. Their heights are over their floor."""
     pairs = data.pairs("wall_surfaces")
     ranked = sorted(data.deviations, key=lambda d: (bool(d["significant"]), abs(d["offset_m"] or 0.0)))
     found = {d["s_id"]: d for d in ranked if d["s_id"] is not None}  # the largest one of walls in one plane
-    drawn = []
+    marks = []
     for w in data.s_graph.wall_surfaces:
-        title, deviation = _pair_title(data, w.id, pairs), found.get(w.id)
-        if deviation is None:
-            drawn.append(_wall(w, T_plan_map, floor_z, w.id in pairs, title, above=floor_z))
+        if (w.id in pairs) is not matched:
             continue
-        title += f"\n{deviation_text(deviation)}"
-        band, significant = band_of(deviation["offset_m"]), bool(deviation["significant"])
-        drawn.append(_wall(w, T_plan_map, floor_z, w.id in pairs, title, band, significant, floor_z))
-    return tuple(drawn)
+        title, looks, deviation = _pair_title(data, w.id, pairs), [], found.get(w.id)
+        if deviation is not None:
+            title += f"\n{deviation_text(deviation)}"
+            band = band_of(deviation["offset_m"])
+            looks = [*([f"band-{band}"] if band else []), *(["significant"] if deviation["significant"] else [])]
+        mark = wall_mark(w, title, floor_z, floor_z)
+        points = np.column_stack([_placed_xy(mark.points[:, :2], T_plan_map), mark.points[:, 2]])
+        marks.append(replace(mark, points=points, looks=tuple(looks), refers=("wall", w.id)))
+    return sorted(marks, key=lambda mark: "significant" in mark.looks)
 
 
 def _floor_z(data: ReportData, floor: Floor | None, T_plan_map: Array) -> float:
-    """The storey's elevation, else the mapped floor's, else a typical sensor height below the trajectory."""
+    """The storey's elevation, else the mapped floor's, else that of the map's origin."""
     if floor is not None and floor.elevation is not None:
         return floor.elevation
     mapped = [f.elevation for f in data.s_graph.floors if f.elevation is not None]
-    if mapped:
-        return float(T_plan_map[2, 3] + mapped[0])
-    heights = _placed(data.trajectory_map.positions, T_plan_map)[:, 2]
-    return float(np.median(heights)) - SENSOR_M if len(heights) else 0.0
-
-
-def _on(item: WallSurface | Room, floor: Floor | None) -> bool:
-    return floor is None or item.floor == floor.id
+    return float(T_plan_map[2, 3] + (mapped[0] if mapped else 0.0))
 
 
 def _pair_title(
@@ -294,54 +223,28 @@ def _pair_title(
     return f"{shown.get(s_id, s_id)} is {shown.get(a_id, a_id)} ({confidence:.2f})"
 
 
-def _placed(points: Any, T: Array) -> Array:
-    return transform_points(T, np.asarray(points, dtype=float).reshape(-1, 3))
-
-
 def _placed_xy(points: Any, T: Array) -> Array:
     xy = np.asarray(points, dtype=float).reshape(-1, 2)
     return xy @ T[:2, :2].T + T[:2, 3]
 
 
-def _wall(
-    wall: WallSurface, T_plan: Array, floor_z: float, matched: bool, title: str, band: str | None = None,
-    significant: bool = False, above: float = 0.0,
-) -> DrawnWall:  # fmt: skip
-    centre, (nx, ny) = np.array(wall.centroid), wall.normal
-    half = np.array([-ny, nx]) * (wall.length or STUB_M) / 2
-    z = (floor_z, floor_z + STOREY_M)
-    if wall.height is not None:
-        z = wall.height[0] + above, wall.height[1] + above
-    ends = _placed_xy([centre + half, centre - half], T_plan)
-    return DrawnWall(wall.id, ends, z, matched, title.strip(), band, significant)
-
-
-def _room(room: Room, T_plan: Array, matched: bool, title: str, label: Array | None = None) -> DrawnRoom:
-    outline = _placed_xy(room.polygon, T_plan) if room.polygon else None
-    label = _placed_xy(room.centroid, T_plan)[0] if label is None else label
-    return DrawnRoom(outline, label, room.name or room.id, matched, title)
-
-
-def _withdrawn(data: ReportData, bim_walls: Iterable[DrawnWall]) -> tuple[DrawnWall, ...]:
+def _withdrawn(data: ReportData, planned: dict[str, Mark]) -> list[Mark]:
     """The planned walls that have no anchor any more, with the reason for which they lost the last one."""
     held = {anchor["a_id"] for anchor in data.anchors if anchor["state"] != "withdrawn"}
-    events = sorted((anchor["events"][-1]["stamp_ns"], anchor["a_id"], anchor["events"][-1]["why"])
-                    for anchor in data.anchors)  # fmt: skip
-    why = {a_id: reason for _, a_id, reason in events if a_id not in held}
-    return tuple(
-        replace(wall, title=f"{wall.title}\nanchor withdrawn: {why[wall.id]}") for wall in bim_walls if wall.id in why
-    )
+    last = sorted(data.anchors, key=lambda anchor: (anchor["events"][-1]["stamp_ns"], anchor["a_id"]))
+    why = {anchor["a_id"]: anchor["events"][-1]["why"] for anchor in last if anchor["a_id"] not in held}
+    return [
+        replace(wall, title=f"{wall.title}\nanchor withdrawn: {why[a_id]}")
+        for a_id, wall in planned.items()
+        if a_id in why
+    ]
 
 
-def _match_lines(data: ReportData, T_plan_map: Array, shown_a: Iterable[str]) -> Array:
-    lines = []
-    for s_id, (a_id, _) in data.pairs("wall_surfaces").items():
-        if data.a_graph and s_id in data.s_graph.surface_by_id and a_id in shown_a:
-            ours = _placed_xy(data.s_graph.surface_by_id[s_id].centroid, T_plan_map)[0]
-            lines.append([ours, np.array(data.a_graph.surface_by_id[a_id].centroid)])
-    return np.array(lines).reshape(-1, 2, 2)
-
-
-def _keyframes(data: ReportData, T_plan_map: Array) -> Array:
-    positions = _placed([k.pose[:3] for k in data.s_graph.keyframes], T_plan_map)
-    return positions[subsample(len(positions), MAX_KEYFRAMES)]
+def _match_lines(data: ReportData, T_plan_map: Array, plan: SceneGraph) -> list[Mark]:
+    """From the mid point of each matched wall surface to that of the plan's."""
+    ours, planned = data.s_graph.surface_by_id, plan.surface_by_id
+    return [
+        Mark(np.stack([_placed_xy(ours[s_id].centroid, T_plan_map)[0], np.array(planned[a_id].centroid)]))
+        for s_id, (a_id, _) in data.pairs("wall_surfaces").items()
+        if s_id in ours and a_id in planned
+    ]

@@ -11,10 +11,14 @@ from numpy.typing import NDArray
 
 from data.common.errors import UserError
 from data.geometry.poses import xyzquat_to_poses
-from data.scene_graph import WALL_HEIGHT, SceneGraph, WallSurface, Xy
+from data.scene_graph import WALL_HEIGHT, SceneGraph, WallSurface
 from sgslam.as_built.elements.files import JSON as ELEMENTS
 from sgslam.config import Config
 from sgslam.config.loading import load_config
+from sgslam.geometry.frames import transform_points
+from sgslam.mapping import KeyframeClouds
+from sgslam.mapping.cloud_map import cloud_map
+from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 
 Floats = NDArray[np.float64]
 
@@ -55,27 +59,26 @@ class RunFolder:
             raise UserError(f"{path / 's_graph.json'}: a keyframe's pose is not x y z qx qy qz qw") from None
         return run
 
-    @property
+    @cached_property
     def elements(self) -> list[dict[str, Any]]:
         """The entries of elements.json; empty where the run has none. Raises UserError for a damaged file."""
-        return self._entries["elements"]
+        return self._entries("elements", "outline")
 
-    @property
+    @cached_property
     def unplanned(self) -> list[dict[str, Any]]:
         """The walls that no plan shows, of elements.json; empty where the run has none. Raises as `elements`."""
-        return self._entries["unplanned"]
+        return self._entries("unplanned", "kind")
 
-    @property
-    def _entries(self) -> dict[str, list[dict[str, Any]]]:
+    def _entries(self, name: str, each_has: str) -> list[dict[str, Any]]:
         path = self.path / ELEMENTS
         if not path.is_file():
-            return {"elements": [], "unplanned": []}
+            return []
         try:
-            content = json.loads(path.read_text())
-            _ = [*(own["outline"] for own in content["elements"]), *(own["kind"] for own in content["unplanned"])]
-            return {"elements": content["elements"], "unplanned": content["unplanned"]}
+            entries: list[dict[str, Any]] = json.loads(path.read_text())[name]
+            _ = [own[each_has] for own in entries]
         except (ValueError, KeyError, TypeError, AttributeError):
             raise UserError(f"{path}: is damaged or of an older version; run it again") from None
+        return entries
 
     def anchored(self) -> tuple[SceneGraph, Floats]:
         """The A-graph and T_bim_map; raises UserError where the run was not anchored."""
@@ -109,30 +112,14 @@ class RunFolder:
         named = zip(self.s_graph.keyframes, self.keyframe_poses, strict=True)
         return {int(k.id[1:]): T for k, T in named if k.id[1:].isdecimal()}
 
-    @cached_property
-    def planned_rooms(self) -> dict[str, str]:
-        """The plan's names of the map's rooms by S id; only for anchored runs."""
-        if self.a_graph is None or self.T_bim_map is None:
-            return {}
-        rooms = self.a_graph.room_by_id
-        return {s: rooms[a].name or a for s, a, _ in self.matches.get("rooms", ()) if a in rooms}
-
-    def elevation(self, floor: str | None) -> float:
-        """The z of a floor of the S-graph, map frame; 0 where it is not known."""
-        return next((f.elevation for f in self.s_graph.floors if f.id == floor), None) or 0.0
-
-    def on_floor(self, places: list[Xy], floor: str | None, above: float = 0.0) -> Floats:
-        """(N, 3) points (N, 2) of the S-graph, `above` metres over their floor."""
-        z = self.elevation(floor) + above
-        points = np.array([(*xy, z) for xy in places], dtype=float).reshape(-1, 3)
-        return np.asarray(points @ self._T_frame_map[:3, :3].T + self._T_frame_map[:3, 3])
-
-    def rotated(self, direction: Xy) -> Floats:
-        """(3,) a horizontal direction of the S-graph, in the frame."""
-        return np.asarray(self._T_frame_map[:3, :2] @ np.array(direction))
+    def map_points(self, voxel: float) -> tuple[Floats, Floats]:
+        """The point cloud map (N, 3) in voxels of this side (m), and unit vectors (N, 3) towards the sensor. Raises
+        UserError where the keyframes' clouds are missing."""
+        return cloud_map(KeyframeClouds.open(self.path / CLOUDS), self.poses_by_keyframe, voxel)
 
     def corners(self, surface: WallSurface) -> Floats:
         """(4, 3) of a wall surface of the S-graph: the two lower ends, then the upper ones."""
-        low, high = surface.height or (0.0, WALL_HEIGHT)
-        ends = list(surface.ends())
-        return np.concatenate([self.on_floor(ends, surface.floor, z) for z in (low, high)])
+        ground = next((f.elevation for f in self.s_graph.floors if f.id == surface.floor), None) or 0.0
+        heights = surface.height or (0.0, WALL_HEIGHT)
+        corners = np.array([(*end, ground + z) for z in heights for end in surface.ends()])
+        return transform_points(self._T_frame_map, corners)

@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.report.plan_drawing import DrawnWall, PlanDrawing
+from sgslam.report.drawn_paths import Mark
+from sgslam.report.plan_drawing import PlanDrawing
 
 Array = NDArray[np.float64]
-LAYERS = (
-    "bim-walls", "walls-matched", "walls-unmatched", "anchors-withdrawn", "odometry", "trajectory", "lost", "truth",
-)  # fmt: skip
+WALLS = ("bim-walls", "walls-matched", "walls-unmatched", "anchors-withdrawn")
+PATHS = ("odometry", "trajectory", "lost", "truth")
 
 
 def scene_data(drawing: PlanDrawing) -> dict[str, Any]:
@@ -21,31 +21,30 @@ def scene_data(drawing: PlanDrawing) -> dict[str, Any]:
     `[x, y, ...]`; the pieces of `paths` by layer, and `keyframes`, are `[x, y, z, ...]`.
     """
     origin = np.array([*drawing.centre(), drawing.floor_z])
-    walls = [_wall("bim-walls", w, origin) for w in drawing.bim_walls]
-    walls += [_wall("anchors-withdrawn", w, origin) for w in drawing.withdrawn]
-    walls += [_wall("walls-matched" if w.matched else "walls-unmatched", w, origin) for w in drawing.map_walls]
-    outlines = [(r.outline, r.matched) for r in drawing.bim_rooms if r.outline is not None]
+    areas = [(layer, mark.points) for layer in ("rooms", "rooms-matched") for mark in drawing.layers[layer]]
     return {
-        "walls": walls,
-        "floors": [[matched, _millimetres(outline - origin[:2])] for outline, matched in outlines],
+        "walls": [_wall(layer, mark, origin) for layer in WALLS for mark in drawing.layers[layer]],
+        "floors": [[layer == "rooms-matched", _millimetres(outline - origin[:2])] for layer, outline in areas],
         "paths": {
-            kind: [_millimetres(path.points - origin) for path in pieces] for kind, pieces in drawing.paths.items()
+            kind: [_millimetres(path.points - origin) for path in drawing.layers[kind]]
+            for kind in PATHS
+            if drawing.layers[kind]
         },
         "keyframes": _millimetres(drawing.keyframes - origin),
     }
 
 
-def scene_layers(drawing: PlanDrawing, data: dict[str, Any]) -> dict[str, str]:
-    """The labels of what the scene `data` holds."""
-    present = {wall[0] for wall in data["walls"]} | data["paths"].keys()
-    labels = {name: drawing.labels[name] for name in LAYERS if name in present}
-    return labels | ({"keyframes": "keyframe"} if data["keyframes"] else {})
+def scene_layers(drawing: PlanDrawing) -> dict[str, str]:
+    """The labels of what the scene holds."""
+    labels = {name: drawing.labels[name] for name in (*WALLS, *PATHS) if drawing.layers[name]}
+    return labels | ({"keyframes": "keyframe"} if len(drawing.keyframes) else {})
 
 
-def _wall(layer: str, wall: DrawnWall, origin: Array) -> list[Any]:
-    z = np.array(wall.z) - origin[2]
-    look = f"band-{wall.band}" if wall.band else layer
-    return [layer, look, int(wall.significant), *_millimetres(wall.ends - origin[:2]), *_millimetres(z)]
+def _wall(layer: str, wall: Mark, origin: Array) -> list[Any]:
+    look = next((look for look in wall.looks if look.startswith("band-")), layer)
+    z = np.array([wall.points[0, 2], wall.top]) - origin[2]
+    ends = wall.points[:, :2] - origin[:2]
+    return [layer, look, int("significant" in wall.looks), *_millimetres(ends), *_millimetres(z)]
 
 
 def _millimetres(metres: Array) -> list[int]:

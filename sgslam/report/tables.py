@@ -1,21 +1,23 @@
 """The rows of the report's tables: summary, deviations, matched rooms, hypotheses, seconds."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from data.geometry.poses import poses_to_xyzquat
-from sgslam.as_built.deviation_bands import degrees, signed_mm
+from sgslam.as_built.deviation_bands import MINUS, degrees, signed_mm
 from sgslam.report.contents import ReportData, entered_unmatched, path_length, split_by_floor
 from sgslam.report.elements import element_name
-from sgslam.report.hypothesis_plans import hypothesis_texts
 from sgslam.report.number_formats import NOTHING, metres, percent, seconds, signal_texts, thousands
 from sgslam.types import NO_PLAN
 
 LARGEST = 30  # deviations in the table
+_RIVALS = {
+    "runner_up": "the next best",
+    "mirrored": "that it is mirrored",
+    "outside": "none of the places",
+    "unsound": "that the map is not sound",
+}
 
 
 def badge(metrics: dict[str, Any]) -> str:
@@ -34,98 +36,64 @@ def quality_rows(metrics: dict[str, Any]) -> list[tuple[str, str, str, str]]:
     ]
 
 
+def run_rows(metrics: dict[str, Any]) -> dict[str, str]:
+    """Value by name of the figures of a run that metrics.json has."""
+    counts = {name: thousands(metrics.get(name)) for name in ("scans", "scans_skipped", "keyframes")}
+    rows = {"Scans": f"{counts['scans']} ({counts['scans_skipped']} skipped), {counts['keyframes']} keyframes"}
+    if tracked := metrics.get("tracked"):
+        rows["Tracking"] = ", ".join(f"{thousands(count)} {health}" for health, count in tracked.items())
+    if place := metrics.get("place"):
+        parts = place | {"unsound": 1 - place["sound"]}
+        others = [f"{_RIVALS[name]} {percent(value)}" for name in _RIVALS if (value := parts[name]) >= 0.0005]
+        rows["Probability of the place"] = "; ".join([percent(place["probability"]), *others])
+    if signal := (metrics.get("quality") or {}).get("position_sigma_m"):
+        whose = "anchored positions" if metrics.get("anchored") else "positions"
+        rows[f"95 % of the {whose}"] = f"have a standard deviation of at most {metres(signal['value'])}"
+    if outcome := metrics.get("returned"):
+        when = "" if outcome["found_s"] is None else f"{outcome['found_s']:.1f} s after the last part began: "
+        rows["Relocalisation"] = f"{when if outcome['found'] else 'the last part was not placed: '}{outcome['reason']}"
+    if metrics.get("first_anchor_s") is not None:
+        rows["First anchored after"] = seconds(metrics["first_anchor_s"])
+    return rows | _accuracy_rows(metrics.get("accuracy") or {})
+
+
 def summary_rows(data: ReportData) -> list[tuple[str, str]]:
-    """Name and value of the figures of the whole run."""
-    m = data.metrics
-    rows = [
-        ("Scans", f"{thousands(m.get('scans'))} ({thousands(m.get('scans_skipped'))} skipped)"),
-        *([("Tracking", _tracking(m["tracked"]))] if m.get("tracked") else []),
-        *place_rows(m),
-        *known_rows(m),
-        *_not_known(data),
-        ("Distance travelled", f"{path_length(data.trajectory_map.positions):.1f} m"),
-    ]
+    """Name and value of the figures of the whole run: those of `run_rows`, how many scans were lost or are in parts
+    that were not placed, if any, the way, and the pose of the map."""
+    rows = run_rows(data.metrics)
+    if data.scans is not None:
+        apart = data.scans.part > 0
+        if lost := int((data.scans.lost & ~apart).sum()):
+            rows["Lost scans"] = thousands(lost)
+        if apart.any():
+            when = data.scans.seconds[apart]
+            span = f"between {when.min():.1f} and {when.max():.1f} s; they are not drawn"
+            rows["Scans in parts not placed"] = f"{thousands(int(apart.sum()))}, {span}"
+    rows["Distance travelled"] = f"{path_length(data.trajectory_map.positions):.1f} m"
     if data.T_bim_map is not None:
         x, y, z, *quaternion = poses_to_xyzquat(data.T_bim_map)
         yaw = math.degrees(math.atan2(data.T_bim_map[1, 0], data.T_bim_map[0, 0]))
-        rows += [
-            ("First anchored after", seconds(m.get("first_anchor_s"))),
-            ("T_bim_map: x, y, z", f"{x:.3f}, {y:.3f}, {z:.3f} m"),
-            ("T_bim_map: yaw", f"{yaw:.2f}°"),
-            ("T_bim_map: qx, qy, qz, qw", ", ".join(f"{q:.6f}" for q in quaternion)),
-        ]
-    return rows + accuracy_rows(m.get("accuracy") or {})
+        rows["T_bim_map: x, y, z"] = f"{x:.3f}, {y:.3f}, {z:.3f} m"
+        rows["T_bim_map: yaw"] = f"{yaw:.2f}°"
+        rows["T_bim_map: qx, qy, qz, qw"] = ", ".join(f"{q:.6f}" for q in quaternion)
+    return list(rows.items())
 
 
-def _tracking(tracked: dict[str, int]) -> str:
-    return ", ".join(f"{thousands(count)} {health}" for health, count in tracked.items())
-
-
-def _not_known(data: ReportData) -> list[tuple[str, str]]:
-    """How many scans were lost, and how many are in parts that were not placed; of those that there are. And why the
-    last part was not placed."""
-    if data.scans is None:
-        return []
-    apart = data.scans.part > 0
-    lost = int((data.scans.lost & ~apart).sum())
-    rows = [("Lost scans", thousands(lost))] if lost else []
-    if apart.any():
-        rows.append(("Scans in parts not placed", f"{thousands(int(apart.sum()))}, {_span(data.scans.seconds[apart])}"))
-    outcome = data.metrics.get("returned")
-    if apart.any() and outcome is not None and not outcome["found"]:
-        rows.append(("Why the last part was not placed", outcome["reason"]))
-    return rows
-
-
-def _span(seconds: NDArray[np.float64]) -> str:
-    return f"between {seconds.min():.1f} and {seconds.max():.1f} s; they are not drawn"
-
-
-def known_rows(metrics: dict[str, Any]) -> list[tuple[str, str]]:
-    """How well the positions are known, in one row; none where it was not computed."""
-    signal = (metrics.get("quality") or {}).get("position_sigma_m")
-    if signal is None:
-        return []
-    whose = "anchored positions" if metrics.get("anchored") else "positions"
-    return [(f"95 % of the {whose}", f"have a standard deviation of at most {metres(signal['value'])}")]
-
-
-def place_rows(metrics: dict[str, Any]) -> list[tuple[str, str]]:
-    """How probable the map's place in the plan is, in one row; none without a plan."""
-    place = metrics.get("place")
-    if place is None:
-        return []
-    parts = {name: place[name] for name in ("runner_up", "mirrored", "outside")} | {"unsound": 1 - place["sound"]}
-    named = {"runner_up": "the next best", "mirrored": "that it is mirrored", "outside": "none of the places",
-             "unsound": "that the map is not sound"}  # fmt: skip
-    others = [f"{named[name]} {percent(value)}" for name, value in parts.items() if value >= 0.0005]
-    return [("Probability of the place", "; ".join([percent(place["probability"]), *others]))]
-
-
-def relocalised(outcome: dict[str, Any]) -> str:
-    """When and why the last part of a run was placed in the map, or why it was not."""
-    if not outcome["found"]:
-        return f"the last part was not placed: {outcome['reason']}"
-    if outcome["found_s"] is None:
-        return str(outcome["reason"])
-    return f"{outcome['found_s']:.1f} s after the last part began: {outcome['reason']}"
-
-
-def accuracy_rows(accuracy: dict[str, Any]) -> list[tuple[str, str]]:
-    """Name and value of each error against the ground truth that is known."""
+def _accuracy_rows(accuracy: dict[str, Any]) -> dict[str, str]:
+    """Value by name of each error against the ground truth that is known."""
     if not accuracy:
-        return []
+        return {}
     yaw = accuracy.get("yaw_rmse_bim_deg")
-    rows = [
-        ("RMSE in the BIM frame, without alignment", metres(accuracy.get("rmse_bim_m"))),
-        ("Maximum error in the BIM frame", metres(accuracy.get("max_bim_m"))),
-        ("RMSE of the yaw", NOTHING if yaw is None else f"{yaw:.2f}°"),
-        ("RMSE of the map's trajectory, SE(3)-aligned", metres(accuracy.get("rmse_map_aligned_m"))),
-        ("RMSE of the odometry, SE(3)-aligned", metres(accuracy.get("rmse_odometry_aligned_m"))),
-        ("Poses with ground truth", " of ".join(thousands(accuracy.get(f"{k}_poses")) for k in ("matched", "total"))),
-        ("Note on accuracy", str(accuracy.get("note") or NOTHING)),
-    ]
-    return [(name, text) for name, text in rows if text != NOTHING]
+    rows = {
+        "RMSE in the BIM frame, without alignment": metres(accuracy.get("rmse_bim_m")),
+        "Maximum error in the BIM frame": metres(accuracy.get("max_bim_m")),
+        "RMSE of the yaw": NOTHING if yaw is None else f"{yaw:.2f}°",
+        "RMSE of the map's trajectory, SE(3)-aligned": metres(accuracy.get("rmse_map_aligned_m")),
+        "RMSE of the odometry, SE(3)-aligned": metres(accuracy.get("rmse_odometry_aligned_m")),
+        "Poses with ground truth": " of ".join(thousands(accuracy.get(f"{k}_poses")) for k in ("matched", "total")),
+        "Note on accuracy": str(accuracy.get("note") or NOTHING),
+    }
+    return {name: text for name, text in rows.items() if text != NOTHING}
 
 
 def deviation_rows(data: ReportData) -> tuple[list[Sequence[str]], list[dict[str, str]]]:
@@ -138,13 +106,17 @@ def deviation_rows(data: ReportData) -> tuple[list[Sequence[str]], list[dict[str
     looks = []
     for d in ranked[:LARGEST]:
         room = rooms.get(planned.get(d["a_id"]) or "")
-        offset = signed_mm(d["offset_m"]) if d["kind"] == "moved" else str(d["kind"])
-        sigma = NOTHING if d["sigma_m"] is None else f"{d['sigma_m'] * 1000:.1f} mm"
-        wall = names.get(d["source"]) or str(d["source"] or d["a_id"] or NOTHING)
-        rows.append((
-            wall, (room.name or room.id) if room else NOTHING, offset or NOTHING, sigma,
-            degrees(d["tilt_rad"]) or NOTHING, "yes" if d["significant"] else "no", str(d.get("reason") or ""),
-        ))  # fmt: skip
+        rows.append(
+            [
+                names.get(d["source"]) or str(d["source"] or d["a_id"] or NOTHING),
+                (room.name or room.id) if room else NOTHING,
+                (signed_mm(d["offset_m"]) if d["kind"] == "moved" else str(d["kind"])) or NOTHING,
+                NOTHING if d["sigma_m"] is None else f"{d['sigma_m'] * 1000:.1f} mm",
+                degrees(d["tilt_rad"]) or NOTHING,
+                "yes" if d["significant"] else "no",
+                str(d.get("reason") or ""),
+            ]
+        )
         marked = {"class": "marked"} if d["significant"] else {}
         looks.append({**marked, "data-shows": str(d["s_id"] or "")})
     return rows, looks
@@ -162,14 +134,27 @@ def room_rows(data: ReportData) -> list[tuple[str, str, str]]:
         return (rooms[room_id].name or room_id) if room_id in rooms else room_id
 
     rows = [(name(ours, s), name(planned, a), f"{c:.2f}") for s, a, c in pairs]
-    rows += [(f"none; part of {name(ours, s)}" if s else "none", name(planned, a), "entered, not matched")
-             for part in split_by_floor(data) for s, a in entered_unmatched(part)]  # fmt: skip
+    for part in split_by_floor(data):
+        for s, a in entered_unmatched(part):
+            rows.append((f"none; part of {name(ours, s)}" if s else "none", name(planned, a), "entered, not matched"))
     return rows
 
 
-def hypothesis_rows(data: ReportData) -> list[tuple[str, str, str, str]]:
-    """Storey, score, pose of the map's origin, number of the plan's rooms that are matched."""
-    return [(*hypothesis_texts(data, h), str(len({a for _, a in h.get("rooms") or ()}))) for h in data.hypotheses]
+def hypothesis_rows(
+    hypotheses: Sequence[Mapping[str, Any]], storeys: Mapping[str, str]
+) -> list[tuple[str, str, str, str]]:
+    """Storey, score, pose of the map's origin, number of the plan's rooms that are matched; `storeys` are the names of
+    the plan's by id."""
+    rows = []
+    for hypothesis in hypotheses:
+        storey = str(hypothesis.get("floor") or "the plan")
+        yaw, x, y = hypothesis["T_a_s"]
+        turn = (math.degrees(yaw) + 180) % 360 - 180
+        numbers = f"{hypothesis['score']:.1f}", f"{x:.2f}, {y:.2f} m, {turn:.1f}°"
+        score, place = (text.replace("-", MINUS) for text in numbers)
+        rooms = {a_id for _, a_id in hypothesis.get("rooms") or ()}
+        rows.append((storeys.get(storey, storey), score, place, str(len(rooms))))
+    return rows
 
 
 def stages_and_total(metrics: dict[str, Any]) -> dict[str, float]:

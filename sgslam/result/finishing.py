@@ -14,7 +14,6 @@ from data.trajectory import Trajectory
 from sgslam.anchoring.soundness import shipped
 from sgslam.backend import Backend, Uncertainty
 from sgslam.config import Config
-from sgslam.mapping import Floors
 from sgslam.result.result import PoseCovariances, Result
 from sgslam.session.active_map import ActiveMap
 from sgslam.session.place_report import PlaceReport
@@ -46,9 +45,14 @@ _HELPS = {  # by the status of an answer of the matcher
 
 
 def assemble_result(
-    final: ActiveMap, bim: SceneGraph | None, unplaced: list[PriorMap], relocalisation: Relocalisation | None,
-    config: Config, advice: list[str], passed_again: bool,
-) -> Result:  # fmt: skip
+    final: ActiveMap,
+    bim: SceneGraph | None,
+    unplaced: list[PriorMap],
+    relocalisation: Relocalisation | None,
+    config: Config,
+    advice: list[str],
+    passed_again: bool,
+) -> Result:
     """The result of a run whose map is `final`; `advice` are lines of the tracker. `passed_again`: all scans were
     registered a second time.
 
@@ -67,7 +71,6 @@ def assemble_result(
         standing = standing_walls(bim, alignments, floors, anchoring.origin)
     place = _judged(final, run, known, standing, config)
     T_bim_map, reason = place.T_bim_map, place.reason
-    in_bim = known if T_bim_map is not None else None
     states = ScanUncertainty.joined([place.own, *_apart(unplaced, config)])
     if T_bim_map is None:
         advice = [*advice, *_what_helps(matches, reason), *_nearly_sure(place.place, config)]
@@ -76,6 +79,9 @@ def assemble_result(
             reason = f"{reason}; the map has several parts: {apart} of {len(states.part)} scans are not in the first"
     elif missing := what_is_not_anchored(states):
         reason = f"{reason}; {missing}"
+    first_anchor_s = None  # seconds from the run's first scan in the map
+    if T_bim_map is not None and final.first_anchor_ns is not None:
+        first_anchor_s = (final.first_anchor_ns - int(run.in_map.stamps_ns[0])) / 1e9
     whole = run.with_unplaced
     return Result(
         anchored=T_bim_map is not None,
@@ -89,8 +95,8 @@ def assemble_result(
         matches=matches,
         anchors=[record.to_dict() for record in anchoring.records] if anchoring is not None else [],
         factors=backend.log,
-        pose_covariances=_covariances(backend, in_bim, T_bim_map, run.in_map, run.begin),
-        first_anchor_s=None if T_bim_map is None else _first_anchor_s(final, run),
+        pose_covariances=_covariances(backend, known, T_bim_map, run.in_map, run.begin),
+        first_anchor_s=first_anchor_s,
         keyframes=len(backend.keyframes),
         seconds=dict(final.stopwatch.seconds),
         config=config,
@@ -172,18 +178,14 @@ def _nearly_sure(place: PlaceReport | None, config: Config) -> list[str]:
     return [line]
 
 
-def _first_anchor_s(final: ActiveMap, run: RunPoses) -> float | None:
-    """Seconds from the run's first scan in the map to its first anchor; None if there is none."""
-    return None if final.first_anchor_ns is None else (final.first_anchor_ns - int(run.in_map.stamps_ns[0])) / 1e9
-
-
 def _quality(final: ActiveMap, run: RunPoses, own: ScanUncertainty, config: Config) -> Quality:
     """The signals of the map's quality; `own` is the uncertainty of the scans in the map."""
     count = len(run.all_scans)
-    return quality_of(
-        run.in_map, odometry_of(run.scans), odometry_begins(run.scans), _walls_seen(final.floors, final.backend), own,
-        run.tracked["lost"] / count, (count - len(run.scans)) / count, config.quality,
-    )  # fmt: skip
+    lost, unplaced = run.tracked["lost"] / count, (count - len(run.scans)) / count
+    odometry, begins = odometry_of(run.scans), odometry_begins(run.scans)
+    sights = Counter(sight.keyframe for floor in final.floors.maps for sight in floor.walls.seen)
+    walls = [sights[k] for k in range(len(final.backend.keyframes))]
+    return quality_of(run.in_map, odometry, begins, walls, own, lost, unplaced, config.quality)
 
 
 def _live(scans: list[ScanPose], states: ScanUncertainty, T_bim_map: Floats | None) -> Trajectory:
@@ -198,12 +200,6 @@ def _apart(unplaced: list[PriorMap], config: Config) -> list[ScanUncertainty]:
         scan_uncertainty(part, 0, part.backend.uncertainty(), None, config, number)
         for number, part in enumerate(unplaced, 1)
     ]
-
-
-def _walls_seen(floors: Floors, backend: Backend) -> list[int]:
-    """The number of walls that each keyframe sees."""
-    seen = Counter(sight.keyframe for floor in floors.maps for sight in floor.walls.seen)
-    return [seen[k] for k in range(len(backend.keyframes))]
 
 
 def _covariances(

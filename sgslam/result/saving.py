@@ -27,7 +27,6 @@ from sgslam.report.elements import shown_as_element
 from sgslam.session.soundness.scan_uncertainty import FILE as SIGMA
 
 if TYPE_CHECKING:
-    from matching.result import MatchesFile  # loads the matchers
     from sgslam.result.result import Result
 
 _log = logging.getLogger(__name__)
@@ -48,7 +47,7 @@ def prepare_folder(path: Path) -> Path:
 
 def save_result(
     result: "Result", out: Path, *, truth: Trajectory | None = None, more: dict[str, Any] | None = None
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Writes the files of the output folder, but state and log; returns the content of metrics.json.
 
     `more` is merged into the metrics. If the disk is full, the keyframe clouds are deleted to make room. Raises
@@ -67,6 +66,8 @@ def save_result(
 
 
 def _save(result: "Result", out: Path, truth: Trajectory | None, more: dict[str, Any]) -> dict[str, Any]:
+    from matching.result import MatchResult  # loads the matchers
+
     result.trajectory.write_tum(out / "trajectory.tum")
     result.trajectory_map.write_tum(out / "trajectory_map.tum")
     result.trajectory_odometry.write_tum(out / "trajectory_odometry.tum")
@@ -84,7 +85,7 @@ def _save(result: "Result", out: Path, truth: Trajectory | None, more: dict[str,
     result.s_graph.save(out / "s_graph.json")
     if result.a_graph is not None:
         result.a_graph.save(out / "a_graph.json")
-    write_json(out / "matches.json", result.matches or _no_match(result.reason))
+    write_json(out / "matches.json", result.matches or MatchResult("none", result.reason).to_dict())
     write_atomically(out / "config.yaml", save_config(result.config))
     result.clouds.copy_to(out / CLOUDS)
     poses = xyzquat_to_poses(np.array([keyframe.pose for keyframe in result.s_graph.keyframes]))
@@ -142,16 +143,18 @@ def _write_report(
     if truth is not None:  # the truth may continue after the run, on other storeys
         truth = truth.between(result.trajectory_map)
     data = ReportData(
-        result.a_graph, result.s_graph, result.trajectory_map, result.trajectory_odometry, truth, result.T_bim_map,
-        result.matches, metrics, result.deviations, result.uncertainty, result.anchors,
+        a_graph=result.a_graph,
+        s_graph=result.s_graph,
+        trajectory_map=result.trajectory_map,
+        trajectory_odometry=result.trajectory_odometry,
+        truth=truth,
+        T_bim_map=result.T_bim_map,
+        matches=result.matches,
+        metrics=metrics,
+        deviations=result.deviations,
+        scans=result.uncertainty,
+        anchors=result.anchors,
         elements=elements,
-    )  # fmt: skip
+    )
     write_report(data, out / "report.html")
     write_plan_png(data, out / "plan.png")
-
-
-def _no_match(reason: str) -> "MatchesFile":
-    return {
-        "status": "none", "reason": reason, "rooms": [], "wall_surfaces": [], "T_a_s": None, "floor": None,
-        "hypotheses": [], "seconds": 0.0, "temperature": 1.0,
-    }  # fmt: skip

@@ -19,8 +19,9 @@ def keyframe_views(
     nearest = np.clip(np.searchsorted(scans.stamps_ns, [k.stamp_ns for k in keyframes]), 0, len(scans.stamps_ns) - 1)
     sigma = scans.sigma[nearest, :3]
     heading = np.nan_to_num(scans.sigma[nearest, 5], nan=np.inf)
-    return [
-        View(points, T, own, float(turn))
-        for keyframe, T, own, turn in zip(keyframes, poses, sigma, heading, strict=True)
-        for points in [clouds[int(keyframe.id[1:])]] if len(points) and np.isfinite(own).all()
-    ]  # fmt: skip
+    views = []
+    for keyframe, T, own, turn in zip(keyframes, poses, sigma, heading, strict=True):
+        points = clouds[int(keyframe.id[1:])]
+        if len(points) and np.isfinite(own).all():
+            views.append(View(points, T, own, float(turn)))
+    return views

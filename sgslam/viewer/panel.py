@@ -1,27 +1,26 @@
-"""The control panel of the page: the run's status, layers, match hypotheses and the error chart."""
+"""The page of a run: its scene, and a control panel with status, layers, match hypotheses and the error chart."""
 
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sgslam.report.contents import DRAWN_HYPOTHESES
+from sgslam.report.drawn_paths import subsample
+from sgslam.report.error_chart import SAMPLES, ErrorLine
+from sgslam.report.tables import hypothesis_rows
 from sgslam.session import Snapshot
 from sgslam.viewer.page import Page
-from sgslam.viewer.scene import GHOSTS, LAYERS, ROOMS, RunScene
+from sgslam.viewer.scene import LAYERS, ROOMS, RunScene
 
-Floats = NDArray[np.float64]
 ALL = "all storeys"
-HIGHEST = 6.0  # m, largest lift of the map above the plan
-SMALLEST_M = 1e-3  # lower end of the chart's axis
-SAMPLES = 400  # per line of the chart
 
 
 class Panel:
     """The controls of a `RunScene`."""
 
-    def __init__(self, page: Page, scene: RunScene) -> None:
-        self._page, self._scene = page, scene
+    def __init__(self, page: Page) -> None:
+        self._page, self.scene = page, RunScene(page)
         self._now: Snapshot | None = None
         gui = page.server.gui
         self.status = gui.add_markdown("waiting for the first scan")
@@ -33,62 +32,72 @@ class Panel:
         with gui.add_folder("shown", expand_by_default=False):
             for layer, text in LAYERS.items():
                 self._switch(layer, text)
-            self.lift = gui.add_slider("map over plan (m)", 0.0, HIGHEST, 0.1, 0.0)
+            self.lift = gui.add_slider("map over plan (m)", 0.0, 6.0, 0.1, 0.0)
         self.storey.on_update(lambda _: self._choose())
         self.lift.on_update(lambda _: self.lift_map(float(self.lift.value)))
 
     def _switch(self, layer: str, text: str) -> None:
         box = self._page.server.gui.add_checkbox(text, True)
-        box.on_update(lambda _: self._scene.show_layer(layer, box.value))
+        box.on_update(lambda _: self.scene.show_layer(layer, box.value))
 
     def _choose(self) -> None:
-        of = {name: own for own, name in self._scene.storeys.items()}
-        self._scene.show_storey(of.get(self.storey.value))
+        of = {name: own for own, name in self.scene.storeys.items()}
+        self.scene.show_storey(of.get(self.storey.value))
 
     def lift_map(self, metres: float) -> None:
         """Lifts the map above its place in the plan; the match lines then lead down to the plan."""
-        self._scene.lift = metres
+        self.scene.lift = metres
         if self._now is not None:
             with self._page.atomic():
-                self._scene.place(self._now)
+                self.scene.place(self._now)
 
-    def show_status(self, now: Snapshot, heading: str, facts: Sequence[str]) -> None:
-        """Shows the status: `heading` and below it `facts`, line by line."""
+    def set_camera(self, now: Snapshot | None = None) -> None:
+        """Points the camera at the plan and the map, from the south and above."""
+        everything = self.scene.extent(now)
+        if not len(everything):
+            return
+        low, high = everything.min(axis=0), everything.max(axis=0)
+        if now is None:
+            low[0] -= (high - low)[:2].max() / 2  # room for the map beside the plan
+        size = max(float((high - low)[:2].max()), 4.0)
+        middle = (low + high) / 2 + size * np.array([0.2, -0.05, 0.0])
+        self._page.set_camera(middle, middle + size * np.array([0.0, -0.5, 0.6]))
+
+    def show(self, now: Snapshot, heading: str, scans: int, facts: Sequence[str], errors: Sequence[ErrorLine]) -> None:
+        """Shows the status, a `heading` and further lines, and the position errors of the trajectories."""
         self._now = now
-        names = [ALL, *self._scene.storeys.values()]
+        names = [ALL, *self.scene.storeys.values()]
         if list(self.storey.options) != names:
             chosen = self.storey.value
             self.storey.options = names
             self.storey.value = chosen if chosen in names else ALL
-        _set(self.status, f"**{heading}**\n\n" + "\n\n".join(_plain(fact) for fact in facts if fact))
+        rooms, walls = (sum(len(getattr(g, kind)) for g in now.graphs) for kind in ("rooms", "wall_surfaces"))
+        counts = [f"{scans} scans, {len(now.poses)} keyframes", f"{rooms} rooms, {walls} wall surfaces"]
+        lines = [now.reason, *counts, *facts, *(line.summary() for line in errors)]
+        _set(self.status, f"**{heading}**\n\n" + "\n\n".join(_plain(line) for line in lines if line))
         ambiguous = bool(now.hypotheses) and now.T_plan_map is None
         if self._places.visible != ambiguous:
             self._places.visible = ambiguous
         if ambiguous:
-            _set(self._hypotheses, hypothesis_table(now, self._scene.storeys))
+            _set(self._hypotheses, hypothesis_table(now, self.scene.storeys))
+        if errors:
+            self._draw_errors(errors)
 
-    def draw_errors(self, seconds: Floats, lines: dict[str, Floats]) -> None:
-        """Draws errors (N,) in metres by name, at `seconds` (N,) after the first scan; NaN where unknown."""
+    def _draw_errors(self, lines: Sequence[ErrorLine]) -> None:
         from viser import uplot
 
-        if not len(seconds):
-            return
-        chosen = np.unique(np.linspace(0, len(seconds) - 1, min(len(seconds), SAMPLES)).round().astype(int))
-        data = (seconds[chosen], *(np.maximum(line[chosen], SMALLEST_M) for line in lines.values()))
-        if self.chart is None:
-            self._errors.visible = True
-            with self._errors:
-                self.chart = self._page.server.gui.add_uplot(
-                    data,
-                    (
-                        uplot.Series(label="seconds"),
-                        *(uplot.Series(label=text, stroke=ROOMS[k], width=2) for k, text in enumerate(lines)),
-                    ),
-                    scales={"x": uplot.Scale(time=False), "y": uplot.Scale(distr=3)},
-                    aspect=1.6,
-                )
-        else:
+        seconds = lines[-1].seconds[subsample(len(lines[-1].seconds), SAMPLES)]
+        errors = (np.maximum(np.interp(seconds, line.seconds, line.errors), 1e-3) for line in lines)
+        data = (seconds, *errors)
+        if self.chart is not None:
             self.chart.data = data
+            return
+        self._errors.visible = True
+        series = [uplot.Series(label=line.name, stroke=ROOMS[k], width=2) for k, line in enumerate(lines)]
+        scales = {"x": uplot.Scale(time=False), "y": uplot.Scale(distr=3)}
+        with self._errors:
+            add = self._page.server.gui.add_uplot
+            self.chart = add(data, (uplot.Series(label="seconds"), *series), scales=scales, aspect=1.6)
 
 
 def hypothesis_table(now: Snapshot, storeys: dict[str, str]) -> str:
@@ -100,11 +109,10 @@ def hypothesis_table(now: Snapshot, storeys: dict[str, str]) -> str:
     scores = np.array([float(h["score"]) for h in hypotheses])
     shares = np.exp(scores - scores.max())
     rows = ["| | probability | storey | score | rooms |", "|---|---|---|---|---|"]
-    for number, (h, share) in enumerate(zip(hypotheses, shares / shares.sum(), strict=True)):
-        dot = f'<span style="color:{ROOMS[number]}">■</span>' if number < GHOSTS else ""
-        storey = _plain(storeys.get(str(h.get("floor")), "the plan"))
-        rooms = len({a for _, a in h.get("rooms") or ()})
-        rows.append(f"| {dot} {number + 1} | {100 * share:.0f} % | {storey} | {float(h['score']):.1f} | {rooms} |")
+    told = zip(hypothesis_rows(hypotheses, storeys), shares / shares.sum(), strict=True)
+    for number, ((storey, score, _, rooms), share) in enumerate(told):
+        dot = f'<span style="color:{ROOMS[number]}">■</span>' if number < DRAWN_HYPOTHESES else ""
+        rows.append(f"| {dot} {number + 1} | {100 * share:.0f} % | {_plain(storey)} | {score} | {rooms} |")
     return "\n".join(rows)
 
 

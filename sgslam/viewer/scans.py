@@ -8,25 +8,25 @@ from numpy.typing import NDArray
 from sgslam.geometry.frames import transform_points
 from sgslam.mapping import KeyframeClouds
 from sgslam.mapping.keyframe_clouds import voxel_keys
-from sgslam.viewer.page import Page
+from sgslam.viewer.canvas import Canvas
 
 Floats = NDArray[np.float64]
-VOXEL = 0.1  # m; one point is shown per voxel
-ABOVE, BELOW = 0.9, 3.0  # m above and below the sensor that are shown: ceilings would hide the rooms
-MOST = 600_000  # points in total
-HEIGHTS = (-1.0, -0.2, 0.9)  # m above the sensor at which COLOURS apply
-COLOURS = ((70, 84, 112), (94, 143, 177), (190, 214, 220))
+_VOXEL = 0.1  # m; one point is shown per voxel
+_MOST = 600_000  # points in total
+# m above the sensor, and colours there; between 3 m below and the highest are shown: ceilings would hide the rooms
+_COLOURS = {-1.0: (70, 84, 112), -0.2: (94, 143, 177), 0.9: (190, 214, 220)}
 
 
 class ScanClouds:
     """Shows clouds as `<floor>/scans/k<number>` under `/map`, each at its keyframe's pose."""
 
-    def __init__(self, page: Page) -> None:
+    def __init__(self, page: Canvas) -> None:
         self._page = page
-        self._begin(None)
+        self._clouds: KeyframeClouds | None = None
+        self.clear()
 
-    def _begin(self, clouds: KeyframeClouds | None) -> None:
-        self._clouds = clouds
+    def clear(self) -> None:
+        """Forgets all clouds, which the scene removes."""
         self._keys = np.empty(0, dtype=np.int64)
         self._processed = 0  # keyframes
         self._names: dict[int, str] = {}
@@ -36,8 +36,10 @@ class ScanClouds:
     ) -> None:
         """Shows the clouds of keyframes with poses (K, 4, 4) T_map_sensor; at most `most` new ones."""
         if clouds is not self._clouds:
+            for name in self._names.values():
+                self._page.remove(name)
             self.clear()
-            self._begin(clouds)
+            self._clouds = clouds
         for number, name in self._names.items():
             self._page.frame(name, poses[number])
         end = len(poses) if most is None else min(len(poses), self._processed + most)
@@ -54,19 +56,13 @@ class ScanClouds:
         for number, name in self._names.items():
             self._page.hide(name, number > keyframe)
 
-    def clear(self) -> None:
-        """Removes all clouds."""
-        for name in self._names.values():
-            self._page.remove(name)
-        self._begin(None)
-
     def _fresh(self, points: NDArray[np.float32], T_map_sensor: Floats) -> NDArray[np.float32]:
         """The points of (N, 3) in voxels without points of earlier keyframes."""
-        if not len(points) or len(self._keys) > MOST:
+        if not len(points) or len(self._keys) > _MOST:
             return points[:0]
         over = points @ T_map_sensor[2, :3]
-        points = points[(over < ABOVE) & (over > -BELOW)]
-        keys = voxel_keys(transform_points(T_map_sensor, points), VOXEL)
+        points = points[(over < max(_COLOURS)) & (over > -3.0)]
+        keys = voxel_keys(transform_points(T_map_sensor, points), _VOXEL)
         place = np.searchsorted(self._keys, keys)
         known = np.append(self._keys, -1)[place] == keys
         own, first = np.unique(keys[~known], return_index=True)
@@ -76,5 +72,5 @@ class ScanClouds:
 
 def by_height(over: NDArray[np.floating]) -> NDArray[np.uint8]:
     """(N, 3) colours of points at heights `over` (N,) above the sensor (m)."""
-    channels = [np.interp(over, HEIGHTS, [colour[k] for colour in COLOURS]) for k in range(3)]
+    channels = [np.interp(over, [*_COLOURS], [colour[k] for colour in _COLOURS.values()]) for k in range(3)]
     return np.stack(channels, axis=1).astype(np.uint8)

@@ -1,5 +1,6 @@
 """The 3D scene of a run: the plan's storeys with the map on or beside them, and its matches."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -10,14 +11,13 @@ from data import Floor, Room, SceneGraph, WallSurface
 from data.trajectory import Trajectory
 from sgslam.as_built.deviation_bands import BANDS
 from sgslam.geometry.frames import se2_to_se3, transform_points
-from sgslam.report.contents import BESIDE_GAP_M
+from sgslam.report.contents import BESIDE_GAP_M, DRAWN_HYPOTHESES
 from sgslam.report.plan_png import BAND_COLORS, BIM, MATCHED, PATHS, UNMATCHED
 from sgslam.session import Snapshot
-from sgslam.viewer.page import Colour, Page
+from sgslam.viewer.canvas import Canvas, rgb
 from sgslam.viewer.scans import ScanClouds
 from sgslam.viewer.shapes import (
     elevation_of,
-    lower_edges,
     merge_meshes,
     path_lines,
     polygon_mesh,
@@ -31,18 +31,19 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 LAYERS = {
-    "plan": "plan", "walls": "mapped walls", "rooms": "rooms", "names": "names", "scans": "scans",
-    "trajectory": "trajectory", "matches": "matches", "truth": "truth",
-}  # fmt: skip
+    "plan": "plan",
+    "walls": "mapped walls",
+    "rooms": "rooms",
+    "names": "names",
+    "scans": "scans",
+    "trajectory": "trajectory",
+    "matches": "matches",
+    "truth": "truth",
+}
 ROOMS = ("#e6862b", "#3f78c9", "#45a35a", "#b45cc0", "#c9a227", "#2aa6a1", "#d65a5a", "#7a6fd0", "#8a9a2f", "#c4608f")
-GHOSTS = 4  # hypotheses drawn
-SCAN_POINTS = 4000  # of the newest scan, about
-ABOVE_FLOOR = 0.02  # m, of filled areas, so that those of plan and map do not flicker
-
-
-def rgb(text: str) -> Colour:
-    """Parses a colour `#rrggbb`."""
-    return int(text[1:3], 16), int(text[3:5], 16), int(text[5:7], 16)
+_SCAN_POINTS = 4000  # of the newest scan, about
+_ABOVE_FLOOR = 0.02  # m, of filled areas, so that those of plan and map do not flicker
+_RED = "#d64045"
 
 
 def with_rooms(slam: "SceneGraphSlam") -> Snapshot:
@@ -62,7 +63,7 @@ class RunScene:
     `bands` are the deviation bands of wall surfaces by id, see `deviation_bands`.
     """
 
-    def __init__(self, page: Page) -> None:
+    def __init__(self, page: Canvas) -> None:
         self.page = page
         self.scans = ScanClouds(page)
         self.lift = 0.0
@@ -71,7 +72,7 @@ class RunScene:
         self._storeys: dict[str, str] = {}  # names on the page by id of the plan's storeys
         self._of_floor: dict[str, str] = {}  # storey of the plan by floor of the map
         self._storey: str | None = None
-        self._ghosts: dict[int, str | None] = {}  # storeys of the drawn hypotheses
+        self._ghosts: dict[str, str | None] = {}  # storeys of the drawn hypotheses, by their numbers
         self._hidden: set[str] = set()
 
     def clear(self) -> None:
@@ -95,57 +96,77 @@ class RunScene:
         if plan is not None:
             low = min((f.elevation for f in plan.floors if f.elevation is not None), default=0.0)
             self.page.origin = np.array([*np.round(plan.centroid()), low])
-        for floor in (plan.floors or (Floor("plan", ""),)) if plan is not None else ():
-            self._storeys[floor.id] = _node_name(floor, set(self._storeys.values()))
-            self._draw_storey(plan, floor)  # type: ignore[arg-type]
+            for floor in plan.floors or (Floor("plan", ""),):
+                self._storeys[floor.id] = _node_name(floor, set(self._storeys.values()))
+                self._draw_storey(plan, floor)
+            self._draw_planned_rooms({})
         if truth is not None and len(truth):
             self.page.lines("/truth", path_lines(truth.positions - self.page.origin), rgb(PATHS["truth"]["color"]), 1.5)
 
     def _draw_storey(self, plan: SceneGraph, floor: Floor) -> None:
-        page, name = self.page, f"/plan/{self._storeys[floor.id]}"
+        name, ground = f"/plan/{self._storeys[floor.id]}", floor.elevation or 0.0
         part = plan.on_floor(floor.id) if plan.floors else plan
-        z = (floor.elevation or 0.0) - page.origin[2]
-        corners = wall_quads(part.wall_surfaces, floor.elevation or 0.0, absolute=True) - page.origin
-        page.frame(name)
-        for layer in ("plan", "rooms", "names"):
-            page.frame(f"{name}/{layer}", visible=layer not in self._hidden and (layer != "names" or self._names_shown))
-        page.mesh(f"{name}/plan/walls", quad_mesh(corners), rgb(BIM), 0.25)
-        page.lines(f"{name}/plan/feet", lower_edges(corners), rgb(BIM), 2.0)
+        corners = wall_quads(part.wall_surfaces, ground, absolute=True) - self.page.origin
+        self._draw_walls(f"{name}/plan/walls", corners, BIM, 0.25, 2.0)
         for number, room in enumerate(part.rooms):
-            place = np.array([*room.centroid, floor.elevation or 0.0]) - page.origin + [0.0, 0.0, 0.1]
-            page.label(f"{name}/names/{number}", room.name or room.id, place)
-        page.lines(f"{name}/rooms/outlines", self._outlines(part.rooms, z), rgb("#d5dae0"), 1.0)
+            place = np.array([*room.centroid, ground + 0.1]) - self.page.origin
+            self.page.label(f"{name}/names/{number}", room.name or room.id, place)
 
-    def _outlines(self, rooms: tuple[Room, ...], z: float) -> Floats:
-        return ring_lines([np.array(r.polygon) - self.page.origin[:2] for r in rooms if r.polygon], z)
+    def _draw_walls(self, name: str, corners: Floats, colour: str, opacity: float, width: float) -> None:
+        self.page.mesh(name, quad_mesh(corners), rgb(colour), opacity)
+        self.page.lines(f"{name}-feet", corners[:, :2], rgb(colour), width)
 
-    def show(self, now: Snapshot, sensor: Floats | None = None, new_clouds: int | None = None) -> None:
-        """Draws the current map and, at `sensor` (4, 4) T_map_sensor, the sensor; at most `new_clouds` new scans."""
+    def _draw_rooms(
+        self, name: str, rooms: Sequence[Room], tints: dict[str, str], z: float, colour: str, origin: Floats
+    ) -> None:
+        """Draws the outlines of rooms, and fills those that have a tint, with one mesh for each colour."""
+        rings = {room.id: np.array(room.polygon) - origin for room in rooms if room.polygon}
+        self.page.lines(f"{name}/outlines", ring_lines(rings.values(), z), rgb(colour), 1.0)
+        for number, tint in enumerate(ROOMS):
+            own = [polygon_mesh(ring, z + _ABOVE_FLOOR) for room, ring in rings.items() if tints.get(room) == tint]
+            self.page.mesh(f"{name}/areas-{number}", merge_meshes(own), rgb(tint), 0.45)
+
+    def _draw_planned_rooms(self, tints: dict[str, str]) -> None:
+        plan = self._plan or SceneGraph("bim")
+        for storey, called in self._storeys.items():
+            rooms = [room for room in plan.rooms if room.floor == storey or not plan.floors]
+            z = elevation_of(self._plan, storey) - self.page.origin[2]
+            self._draw_rooms(f"/plan/{called}/rooms", rooms, tints, z, "#d5dae0", self.page.origin[:2])
+
+    def show(self, now: Snapshot, new_clouds: int | None = None) -> None:
+        """Draws the current map; at most `new_clouds` new scans."""
         self.show_plan(now.plan)
-        page = self.page
         self._of_floor = {graph.floors[0].id: "" for graph in now.graphs} | now.storeys
         pairs, rooms = now.pairs("wall_surfaces"), now.pairs("rooms")
-        tints = self._tints(set(rooms.values()))
-        for floor in ["stairs", *self._of_floor]:
-            page.frame(f"/map/{floor}")
-            for layer in ("walls", "rooms", "scans", "trajectory"):
-                page.frame(f"/map/{floor}/{layer}", visible=layer not in self._hidden)
+        planned = enumerate(self._plan.rooms if self._plan is not None else ())
+        tints = {room.id: ROOMS[k % len(ROOMS)] for k, room in planned if room.id in set(rooms.values())}
+        looks = {"matched": MATCHED, "unmatched": UNMATCHED, **dict(zip(BANDS, BAND_COLORS, strict=True))}
         for graph in now.graphs:
-            self._draw_floor(graph, pairs, {s: tints[a] for s, a in rooms.items() if a in tints})
-        self._fill_planned({a: tints[a] for a in rooms.values() if a in tints})
+            name, z = f"/map/{graph.floors[0].id}", graph.floors[0].elevation or 0.0
+            kinds: dict[str, list[WallSurface]] = {kind: [] for kind in looks}
+            for surface in graph.wall_surfaces:
+                kinds["unmatched" if surface.id not in pairs else self.bands.get(surface.id, "matched")].append(surface)
+            for kind, colour in looks.items():
+                self._draw_walls(f"{name}/walls/{kind}", wall_quads(kinds[kind], z, absolute=False), colour, 0.5, 2.5)
+            matched = {s: tints[a] for s, a in rooms.items() if a in tints}
+            self._draw_rooms(f"{name}/rooms", graph.rooms, matched, z + _ABOVE_FLOOR, MATCHED, np.zeros(2))
+        self._draw_planned_rooms(tints)
         self.place(now)
         self.draw_path(now, len(now.poses) - 1)
         self._draw_hypotheses(now)
         self.scans.show(now.clouds, now.poses, now.floors, new_clouds)
-        if sensor is not None:
-            page.frame("/map/sensor", sensor, axes=0.6)
         self.show_storey(self._storey)
+
+    def show_sensor(self, T_map_sensor: Floats, points: NDArray[np.floating], T_map_points: Floats) -> None:
+        """Draws the sensor, and some of the points (N, 3) that it measured at (4, 4) T_map_points."""
+        self.page.frame("/map/sensor", T_map_sensor, axes=0.6)
+        some = points[:: max(1, len(points) // _SCAN_POINTS)]
+        self.page.points("/map/scan", some, rgb(_RED), T_map_points, 0.03)
 
     def place(self, now: Snapshot) -> None:
         """Moves the map to its place, `lift` above the plan, and draws the match lines."""
         T_page_map, pairs = self._place(now), now.pairs("wall_surfaces")
         self.page.frame("/map", T_page_map)
-        self.page.frame("/matches", visible="matches" not in self._hidden)
         for graph in now.graphs:
             self._draw_matches(graph, pairs, T_page_map)
 
@@ -162,54 +183,14 @@ class RunScene:
         T[:3, 3] += [0.0, 0.0, self.lift] - self.page.origin
         return T
 
-    def _tints(self, matched: set[str]) -> dict[str, Colour]:
-        """A colour for each matched room of the plan, used in plan and map."""
-        rooms = self._plan.rooms if self._plan is not None else ()
-        return {r.id: rgb(ROOMS[k % len(ROOMS)]) for k, r in enumerate(rooms) if r.id in matched}
-
-    def _draw_floor(self, graph: SceneGraph, pairs: dict[str, str], tints: dict[str, Colour]) -> None:
-        page, floor = self.page, graph.floors[0]
-        name, z = f"/map/{floor.id}", floor.elevation or 0.0
-        looks = {"matched": MATCHED, "unmatched": UNMATCHED, **dict(zip(BANDS, BAND_COLORS, strict=True))}
-        kinds: dict[str, list[WallSurface]] = {kind: [] for kind in looks}
-        for surface in graph.wall_surfaces:
-            kinds["unmatched" if surface.id not in pairs else self.bands.get(surface.id, "matched")].append(surface)
-        for kind, colour in looks.items():
-            corners = wall_quads(kinds[kind], z, absolute=False)
-            page.mesh(f"{name}/walls/{kind}", quad_mesh(corners), rgb(colour), 0.5)
-            page.lines(f"{name}/walls/{kind}-feet", lower_edges(corners), rgb(colour), 2.5)
-        rings = ring_lines([r.polygon for r in graph.rooms if r.polygon], z)
-        page.lines(f"{name}/rooms/outlines", rings, rgb(MATCHED), 1.0)
-        self._fill(f"{name}/rooms", [(r, tints.get(r.id)) for r in graph.rooms], z + 2 * ABOVE_FLOOR, np.zeros(2))
-
-    def _fill(self, name: str, rooms: list[tuple[Room, Colour | None]], z: float, origin: Floats) -> None:
-        """Fills rooms, with one mesh for each colour."""
-        of: dict[Colour, list[Room]] = {rgb(text): [] for text in ROOMS}
-        for room, colour in rooms:
-            if colour is not None and room.polygon:
-                of[colour].append(room)
-        for number, (colour, own) in enumerate(of.items()):
-            mesh = merge_meshes([polygon_mesh(np.array(room.polygon) - origin, z) for room in own])
-            self.page.mesh(f"{name}/areas-{number}", mesh, colour, 0.45)
-
-    def _fill_planned(self, tints: dict[str, Colour]) -> None:
-        for storey, called in self._storeys.items():
-            assert self._plan is not None
-            rooms = [(r, tints.get(r.id)) for r in self._plan.rooms if r.floor == storey or not self._plan.floors]
-            z = elevation_of(self._plan, storey) + ABOVE_FLOOR - self.page.origin[2]
-            self._fill(f"/plan/{called}/rooms", rooms, z, self.page.origin[:2])
-
     def _draw_matches(self, graph: SceneGraph, pairs: dict[str, str], T_page_map: Floats) -> None:
         """Draws lines from the centre of each matched wall surface to its planned one."""
         floor, planned = graph.floors[0], {} if self._plan is None else self._plan.surface_by_id
         found = [(s, planned[pairs[s.id]]) for s in graph.wall_surfaces if pairs.get(s.id) in planned]
         ours = wall_quads([s for s, _ in found], floor.elevation or 0.0, absolute=False).mean(axis=1)
-        theirs = np.array([
-            wall_quads([a], elevation_of(self._plan, a.floor) if self._plan else 0.0, absolute=True)[0].mean(axis=0)
-            for _, a in found
-        ]).reshape(-1, 3) - self.page.origin  # fmt: skip
-        ends = np.stack([transform_points(T_page_map, ours), theirs], axis=1)
-        self.page.lines(f"/matches/{floor.id}", ends, rgb(MATCHED), 2.0)
+        theirs = [wall_quads([a], elevation_of(self._plan, a.floor), absolute=True)[0].mean(axis=0) for _, a in found]
+        ends = [transform_points(T_page_map, ours), np.array(theirs).reshape(-1, 3) - self.page.origin]
+        self.page.lines(f"/matches/{floor.id}", np.stack(ends, axis=1), rgb(MATCHED), 2.0)
 
     def draw_path(self, now: Snapshot, last: int) -> None:
         """Draws the path through the keyframes up to index `last`, separately for each floor."""
@@ -219,64 +200,59 @@ class RunScene:
             own = (on[1:] == floor) & (np.arange(len(ends)) < last)
             self.page.lines(f"/map/{floor}/trajectory/way", ends[own], rgb(PATHS["trajectory"]["color"]), 3.0)
 
-    def set_camera(self, now: Snapshot | None = None) -> None:
-        """Points the camera at the plan and the map, from the south and above."""
+    def extent(self, now: Snapshot | None = None) -> Floats:
+        """(N, 3) places of the plan and the map, on the page."""
         seen = np.empty((0, 3))
         if now is not None:
             walls = np.array([(*w.centroid, 0.0) for graph in now.graphs for w in graph.wall_surfaces]).reshape(-1, 3)
             seen = transform_points(self._place(now), np.concatenate([now.poses[:, :3, 3], walls]))
         planned = [(*w.centroid, self.page.origin[2]) for w in self._plan.wall_surfaces] if self._plan else []
-        everything = np.concatenate([seen, np.array(planned).reshape(-1, 3) - self.page.origin])
-        if not len(everything):
-            return
-        low, high = everything.min(axis=0), everything.max(axis=0)
-        if now is None:
-            low[0] -= (high - low)[:2].max() / 2  # room for the map beside the plan
-        size = max(float((high - low)[:2].max()), 4.0)
-        middle = (low + high) / 2 + size * np.array([0.2, -0.05, 0.0])
-        self.page.set_camera(middle, middle + size * np.array([0.0, -0.5, 0.6]))
+        return np.concatenate([seen, np.array(planned).reshape(-1, 3) - self.page.origin])
 
     def _draw_hypotheses(self, now: Snapshot) -> None:
         """Draws the map's walls on the plan at each match hypothesis."""
         graphs = {graph.floors[0].id: graph for graph in now.graphs}
         matches = now.hypotheses if self._plan is not None else ()
-        drawn = [(graphs[floor], match) for floor, match in matches if floor in graphs]
-        for number in range(GHOSTS):
+        drawn = [(graphs[floor], match) for floor, match in matches if floor in graphs][:DRAWN_HYPOTHESES]
+        self._ghosts = {str(number): match.get("floor") for number, (_, match) in enumerate(drawn, 1)}
+        for number in range(DRAWN_HYPOTHESES):
             ends = np.empty((0, 2, 3))
-            if number < len(drawn) and self._plan is not None:
-                graph, hypothesis = drawn[number]
-                yaw, x, y = hypothesis["T_a_s"]
-                z = elevation_of(self._plan, hypothesis.get("floor"))
+            if number < len(drawn):
+                graph, match = drawn[number]
+                yaw, x, y = match["T_a_s"]
+                T = se2_to_se3(yaw, x, y, elevation_of(self._plan, match.get("floor")))
                 corners = wall_quads(graph.wall_surfaces, 0.0, absolute=False)
-                ends = transform_points(se2_to_se3(yaw, x, y, z), lower_edges(corners)) - self.page.origin
-                self._ghosts[number] = hypothesis.get("floor")
+                ends = transform_points(T, corners[:, :2]) - self.page.origin
             self.page.lines(f"/hypotheses/{number + 1}", ends, rgb(ROOMS[number]), 4.0 - 0.7 * number)
 
     def show_storey(self, storey: str | None) -> None:
         """Shows only the storey with this id and the map on it; None shows all storeys and the stairs. With several
         storeys the room names are hidden: they would overlap."""
         self._storey = storey
-        self.page.hide("/map/stairs", storey is not None)
-        for own, called in self._storeys.items():
-            self.page.hide(f"/plan/{called}", storey not in (None, own))
-            self.page.hide(f"/plan/{called}/names", not self._names_shown)
-        for number, of in self._ghosts.items():
-            self.page.hide(f"/hypotheses/{number + 1}", storey not in (None, of))
-        for floor, own in self._of_floor.items():
-            hidden = storey is not None and storey not in (floor, own) and (own != "" or not self._storeys)
-            self.page.hide(f"/map/{floor}", hidden)
-            self.page.hide(f"/matches/{floor}", hidden)
+        for name in self.page.names:
+            _, top, *below = name.split("/")
+            layer = below[1] if len(below) == 2 else top if not below else ""
+            if layer in LAYERS and (len(below) == 2 or layer in ("matches", "truth")):
+                overlaps = layer == "names" and storey is None and len(self._storeys) > 1
+                self.page.hide(name, layer in self._hidden or overlaps)
+            elif len(below) == 1:
+                self.page.hide(name, storey is not None and self._is_elsewhere(top, below[0], storey))
+
+    def _is_elsewhere(self, top: str, own: str, storey: str) -> bool:
+        """Whether a node below `/plan`, `/map`, `/matches` or `/hypotheses` is not on this storey."""
+        if top == "plan":
+            return own != self._storeys.get(storey)
+        if top == "hypotheses":
+            return self._ghosts.get(own) != storey
+        on = self._of_floor.get(own)
+        if on is None:
+            return own == "stairs"
+        return storey not in (own, on) and (on != "" or not self._storeys)
 
     def show_layer(self, layer: str, shown: bool) -> None:
         """Shows or hides one of `LAYERS`."""
         (self._hidden.discard if shown else self._hidden.add)(layer)
-        for name in self.page.names:
-            if name.rpartition("/")[2] == layer and name.count("/") in (1, 3):
-                self.page.hide(name, not shown or (layer == "names" and not self._names_shown))
-
-    @property
-    def _names_shown(self) -> bool:
-        return "names" not in self._hidden and (self._storey is not None or len(self._storeys) < 2)
+        self.show_storey(self._storey)
 
 
 def _node_name(floor: Floor, taken: set[str]) -> str:

@@ -7,16 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph, WallSurface
-from sgslam.report.plan_drawing import STOREY_M, STUB_M
+from data.scene_graph import WALL_HEIGHT
 
 Floats = NDArray[np.float64]
 Mesh = tuple[Floats, NDArray[np.int64]]  # vertices (V, 3), triangles (F, 3)
 NOTHING: Mesh = (np.empty((0, 3)), np.empty((0, 3), dtype=np.int64))
 
 
-def elevation_of(graph: SceneGraph, floor: str | None) -> float:
+def elevation_of(graph: SceneGraph | None, floor: str | None) -> float:
     """The elevation (m) of a floor; 0 if unknown."""
-    return next((f.elevation for f in graph.floors if f.id == floor and f.elevation is not None), 0.0)
+    floors = graph.floors if graph is not None else ()
+    return next((f.elevation for f in floors if f.id == floor and f.elevation is not None), 0.0)
 
 
 def wall_quads(surfaces: Sequence[WallSurface], below: float, absolute: bool) -> Floats:
@@ -24,19 +25,12 @@ def wall_quads(surfaces: Sequence[WallSurface], below: float, absolute: bool) ->
     relative to the floor at z = `below`."""
     corners = np.empty((len(surfaces), 4, 3))
     for row, surface in zip(corners, surfaces, strict=True):
-        low, high = surface.height or (0.0, STOREY_M)
+        low, high = surface.height or (0.0, WALL_HEIGHT)
         if surface.height is None or not absolute:
             low, high = low + below, high + below
-        row[:, :2] = np.array(_ends(surface))[[0, 1, 1, 0]]
+        row[:, :2] = np.array(surface.ends())[[0, 1, 1, 0]]
         row[:, 2] = low, low, high, high
     return corners
-
-
-def _ends(surface: WallSurface) -> tuple[Any, Any]:
-    if surface.length is not None:
-        return surface.ends()
-    (x, y), (nx, ny) = surface.centroid, surface.normal
-    return (x - ny * STUB_M / 2, y + nx * STUB_M / 2), (x + ny * STUB_M / 2, y - nx * STUB_M / 2)
 
 
 def quad_mesh(corners: Floats) -> Mesh:
@@ -44,11 +38,6 @@ def quad_mesh(corners: Floats) -> Mesh:
     first = 4 * np.arange(len(corners))[:, None]
     triangles = np.concatenate([first + np.array(corner) for corner in ((0, 1, 2), (0, 2, 3))])
     return corners.reshape(-1, 3), triangles
-
-
-def lower_edges(corners: Floats) -> Floats:
-    """(N, 2, 3) the lower edges of quadrilaterals (N, 4, 3)."""
-    return corners[:, :2]
 
 
 def ring_lines(rings: Iterable[Any], z: float) -> Floats:

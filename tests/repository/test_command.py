@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 from commands import refused
-from packaging.requirements import Requirement
 
 from data.common.errors import UserError
 from sgslam.cli import doctor
@@ -68,35 +67,8 @@ def test_an_invalid_setting_is_refused_with_its_form(pair: str, message: str) ->
         load_config(None, [pair])
 
 
-def test_the_doctor_finds_a_missing_an_old_and_a_crashing_library(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    wanted = [Requirement("no-such-package-of-ours>=1"), Requirement("numpy<1")]
-    for needed in wanted:
-        found = doctor.check_package(needed)
-        assert found.state == "FAIL" and f"pip install '{needed}'" in found.message
+def test_the_doctor_finds_a_crashing_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "gtsam.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGILL)\n")
     monkeypatch.syspath_prepend(tmp_path)  # as one built for another processor
-    found = doctor.run_self_test("gtsam")
-    assert found.state == "FAIL" and "SIGILL" in found.message
-    assert doctor.run_self_test("shapely").state == "ok"
-
-
-@pytest.mark.parametrize(
-    ("limit", "said"), [("1.5", "FAIL 0.5 GB available; a run needs 2"), ("?", "note unknown (ValueError")]
-)
-def test_the_doctor_knows_what_a_container_leaves(
-    limit: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(doctor, "_CGROUP", tmp_path)
-    (tmp_path / "memory.max").write_text(limit.replace("1.5", "1500000000\n"))
-    (tmp_path / "memory.current").write_text("1000000000\n")
-    found = doctor._memory()
-    assert f"{found.state} {found.message}".startswith(said)
-
-
-def test_the_doctor_tries_the_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "file").write_text("")
-    for folder, state in (("new", "ok"), ("file", "note")):
-        monkeypatch.setenv("SGSLAM_CACHE_DIR", str(tmp_path / folder))
-        assert doctor._cache().state == state
+    assert "SIGILL" in (doctor.run_self_test("gtsam") or "")
+    assert doctor.run_self_test("shapely") is None

@@ -23,10 +23,10 @@ from sgslam.anchoring import check_storey
 from sgslam.cli.options import RunOptions, Triple
 from sgslam.config import Config
 from sgslam.config.loading import load_config
+from sgslam.geometry.trajectory_errors import associate
 from sgslam.odometry.external import ExternalOdometry
 from sgslam.odometry.factory import choose
 from sgslam.perception.scan_checks import in_metres_and_sensor_frame
-from sgslam.report import associate
 from sgslam.result.saving import prepare_folder
 from sgslam.session import PriorMap
 from sgslam.session.checkpoints import FILE as STATE
@@ -138,8 +138,13 @@ class RunInputs:
     def read_building(self) -> Building:
         """Opens what the map is built and compared with; a plan that is missing is that of the prior map. Raises
         UserError."""
+        from matching import Matcher  # slow to load
+
         options, config, scans = self.options, self.config, self.scans
-        matcher = _matcher(config.matching.method)
+        try:
+            matcher = Matcher.load(config.matching.method)
+        except UserError as error:
+            raise UserError(f"setting matching.method: {error}") from None
         prior = None if options.map is None else self._prior_map(options.map)
         plan = options.bim
         if plan is None and (options.storey is not None or options.start is not None):
@@ -155,21 +160,24 @@ class RunInputs:
             )
         began, cpu_began = perf_counter(), process_time()
         bim = None if plan is None else load_bim(plan, layers=options.layer)
-        seconds = perf_counter() - began
+        seconds, cpu_seconds = perf_counter() - began, process_time() - cpu_began
         if bim is not None:
             check_storey(bim.graph, options.storey)
-        read, spent = perf_counter() - began, process_time() - cpu_began
         if not isinstance(scans, PassedScans):  # else the process that passes them has compiled
             compile_ahead().wait()  # not counted in the run's time
-        began, cpu_began = perf_counter() - read, process_time() - spent
+        began, cpu_began = perf_counter() - seconds, process_time() - cpu_seconds
         return Building(bim, prior, truth, MatcherWithStart(matcher, options.start), began, cpu_began, seconds)
 
     def header(self, bim: Bim | None) -> dict[str, Any]:
         """What a state says of its run, in JSON form: digests of what it reads, its settings and its options. Raises
         UserError if the digests are not those of the run to be resumed."""
         prior = self.options.map
+        stamps = len(self.scans) if self.scans.stamps_ns is None else self.scans.stamps_ns.tolist()
+        path = self.scans.path
+        files = [own for own in (sorted(path.iterdir()) if path.is_dir() else [path]) if own.is_file()]
+        scans = [stamps, [(own.name, own.stat().st_size) for own in files]]
         digests = {
-            "scans": _scans_digest(self.scans),
+            "scans": _digest(json.dumps(scans).encode()),
             "building": None if bim is None else _digest(json.dumps(bim.graph.to_dict(), sort_keys=True).encode()),
             "map": None if prior is None else _digest((prior / STATE).read_bytes()),
             "imu": self.imu_digest,
@@ -198,12 +206,9 @@ def read_settings(options: RunOptions, before: dict[str, Any] | None = None) -> 
     there is one. Raises UserError."""
     config = load_config(options.config, list(options.set)) if before is None else Config.model_validate(before)
     config, odometry = (config, None) if options.odometry is None else choose(options.odometry, config)
-    if options.mount is not None:
-        config = _with(config, "tracking", mount=options.mount)
-    if options.stamp is not None:
-        config = _with(config, "tracking", stamp=options.stamp)
-    if options.tolerance is not None:
-        config = _with(config, "as_built", tolerance=options.tolerance)
+    for group, name in (("tracking", "mount"), ("tracking", "stamp"), ("as_built", "tolerance")):
+        if (value := getattr(options, name)) is not None:
+            config = _with(config, group, **{name: value})
     return config, odometry
 
 
@@ -253,13 +258,6 @@ def _lasting(options: RunOptions) -> RunOptions:
     return replace(options, **lasting)
 
 
-def _scans_digest(scans: ScanSource) -> str:
-    """Of the stamps and of the files' names and sizes."""
-    stamps = [len(scans)] if scans.stamps_ns is None else scans.stamps_ns.tolist()
-    files = sorted(scans.path.iterdir()) if scans.path.is_dir() else [scans.path]
-    return _digest(json.dumps([stamps, [(own.name, own.stat().st_size) for own in files if own.is_file()]]).encode())
-
-
 def _digest(raw: bytes) -> str:
     return hashlib.sha256(raw).hexdigest()
 
@@ -273,15 +271,6 @@ def _open_scans(options: RunOptions, config: Config) -> ScanSource:
     if options.scan_dir is None:
         raise UserError("--scan-dir is missing; give the folder that holds the scans, or --demo")
     return open_scans(options.scan_dir, options.topic, config.tracking.stamp)
-
-
-def _matcher(method: str) -> Any:
-    from matching import Matcher
-
-    try:
-        return Matcher.load(method)
-    except UserError as error:
-        raise UserError(f"setting matching.method: {error}") from None
 
 
 def _demo(options: RunOptions) -> RunOptions:

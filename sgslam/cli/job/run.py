@@ -4,8 +4,7 @@ import gc
 import logging
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -47,7 +46,6 @@ _NOT_JUDGED = (
     "odometry {} does not judge scans: they are good, or lost after an impossible step; their sigmas come from the "
     "settings odometry.other_sigma_rotation and other_sigma_translation; health and quality of this run say little"
 )
-_DATED = 946_684_800_000_000_000  # ns, 2000-01-01 in Unix time; smaller stamps are none
 
 
 @dataclass
@@ -156,13 +154,12 @@ class Run:
         """What the report's head says of the run, in its order."""
         bim, config = self._building.bim, result.config
         first = int(result.trajectory_map.stamps_ns[0]) if len(result.trajectory_map) else 0
+        measured = datetime.fromtimestamp(first / 1e9, UTC)
         about = {
             "Building": bim.path.name if bim is not None and bim.path is not None else "",
             "Scans": self._inputs.scans.path.name,
             # otherwise the clock of the scans counts from another instant
-            "Measured": datetime.fromtimestamp(first / 1e9, UTC).strftime("%Y-%m-%d %H:%M UTC")
-            if first >= _DATED
-            else "",
+            "Measured": measured.strftime("%Y-%m-%d %H:%M UTC") if measured.year >= 2000 else "",
             "Tolerance": f"{1000 * config.as_built.tolerance:g} mm" if result.anchored else "",
             "Stamps": f"{config.tracking.stamp} of a scan",
             "Odometry": config.odometry.method,
@@ -195,35 +192,30 @@ def _accuracy(result: Result, truth: Trajectory, in_one_part: bool) -> dict[str,
 
 
 class Interruption:
-    """True once the user (Ctrl-C) or the system (SIGTERM) has requested the process to end."""
+    """A context that defers SIGINT and SIGTERM, so that no scan is left half processed; true once the user (Ctrl-C) or
+    the system has requested the process to end. The second request raises KeyboardInterrupt."""
 
     def __init__(self) -> None:
         self._requested = False
+        self._before: dict[int, Any] = {}
+
+    def __enter__(self) -> "Interruption":
+        if threading.current_thread() is threading.main_thread():  # others have no handlers
+            self._before = {own: signal.signal(own, self._request) for own in (signal.SIGINT, signal.SIGTERM)}
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
 
     def __bool__(self) -> bool:
         """Whether the end was requested."""
         return self._requested
 
-    def request(self, number: int, frame: FrameType | None) -> None:
-        """Signal handler. The second request raises KeyboardInterrupt."""
+    def _request(self, number: int, frame: FrameType | None) -> None:
         if self._requested:
             raise KeyboardInterrupt
         self._requested = True
-
-
-@contextmanager
-def interruptible() -> Iterator[Interruption]:
-    """Context that defers SIGINT and SIGTERM, so that no scan is left half processed."""
-    interruption = Interruption()
-    if threading.current_thread() is not threading.main_thread():
-        yield interruption
-        return
-    before = {number: signal.signal(number, interruption.request) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield interruption
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def run_scans(
@@ -243,7 +235,7 @@ def run_scans(
 
     gc.freeze()  # what is loaded stays: the garbage collector need not scan it
     console, scans, odometry = Console(stderr=True), inputs.scans, inputs.odometry
-    with interruptible() as interruption, Bar(console=console, disable=not console.is_terminal, transient=True) as bar:
+    with Interruption() as interruption, Bar(console=console, disable=not console.is_terminal, transient=True) as bar:
         task = bar.add_task("scans", total=len(scans))
         waiting = perf_counter()
         try:

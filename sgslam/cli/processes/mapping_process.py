@@ -27,7 +27,6 @@ if TYPE_CHECKING:  # the process is started before these are loaded
     from sgslam.cli.processes.run_map import RunMap
 
 Floats = NDArray[np.float64]
-_NICENESS = 5  # so that the tracker of a live run, which must answer in time, comes first
 _log = logging.getLogger(__name__)
 
 
@@ -173,7 +172,7 @@ def _map_scans(receiver: Connection, sender: Connection) -> None:
     with suppress(BrokenPipeError, EOFError):  # the other process is gone
         inputs: RunInputs = pickle.loads(_received(receiver))
         if inputs.options.live:
-            os.nice(_NICENESS)
+            os.nice(5)  # the tracker, which must answer in time, comes first
         else:
             end_with_parent()
         try:

@@ -22,7 +22,7 @@ from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.report import RunFolder
 from sgslam.slam import SceneGraphSlam
 
-NAMES = {"map.ply", "scene_graph_dsg.json", "trajectory.kitti", "trajectory_euroc.csv", "trajectory_times.txt"}
+NAMES = {"map.ply", "trajectory.kitti", "trajectory_euroc.csv", "trajectory_times.txt"}
 
 
 @pytest.fixture(scope="session")
@@ -36,7 +36,7 @@ def out(anchored_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         done = called("sgslam.cli.export", "--out", folder, "--format", "all")
         assert done.returncode == 0, done.stderr
         assert {path.name for path in folder.iterdir()} - before == NAMES
-        assert all(name in done.stdout for name in [*NAMES, "pose_graph.g2o"])
+        assert all(name in done.stdout for name in NAMES)
 
     return written_once(tmp_path_factory, "exported_run", write)
 
@@ -68,21 +68,6 @@ def test_trajectories_are_those_that_evo_reads(out: Path) -> None:
         np.testing.assert_allclose(read.poses_se3, written.poses, atol=1e-9)
     for times in (np.loadtxt(out / "trajectory_times.txt"), euroc.timestamps):
         np.testing.assert_allclose(times, written.stamps_ns / 1e9, rtol=0, atol=1e-6)
-
-
-def test_spark_dsg_loads_the_scene_graph(run: RunFolder) -> None:
-    spark_dsg = pytest.importorskip("spark_dsg", reason="spark-dsg has no wheel for this machine")
-    loaded, s = spark_dsg.DynamicSceneGraph.load(str(run.path / "scene_graph_dsg.json")), run.s_graph
-    named = {node.attributes.metadata.get().get("id"): node for node in loaded.nodes}
-    assert {own.id for own in (*s.rooms, *s.wall_surfaces, *s.doors, *s.floors, *s.keyframes)} <= named.keys()
-    for wall in s.wall_surfaces:
-        if wall.room is not None:
-            above = loaded.get_node(named[wall.id].get_parent())
-            assert above.attributes.metadata.get().get("id") == wall.room
-        centre = named[wall.id].attributes.bounding_box.world_P_center
-        np.testing.assert_allclose(centre, run.corners(wall).mean(axis=0), rtol=1e-6)
-    for keyframe, T in zip(s.keyframes, run.keyframe_poses, strict=True):
-        np.testing.assert_allclose(named[keyframe.id].attributes.position, T[:3, 3], rtol=1e-12)
 
 
 def test_gtsam_loads_the_pose_graph(run: RunFolder) -> None:
@@ -117,16 +102,13 @@ def test_information_is_in_the_order_and_the_units_of_g2o(tmp_path: Path) -> Non
         ("trajectory.tum", "1 2 3\n", "trajectory.tum, line 1"),
         (CLOUDS, "SGKC", CLOUDS),
         ("config.yaml", "clouds: [", "config.yaml"),
-        ("pose_graph.g2o", None, "pose_graph.g2o is missing"),
         ("metrics.json", '{"T_bim_map": null}', "was not anchored"),
     ],
 )
-def test_damaged_folders_are_refused(folder: Path, name: str, content: str | None, message: str) -> None:
-    (folder / name).unlink()
-    if content is not None:
-        (folder / name).write_text(content)
+def test_damaged_folders_are_refused(folder: Path, name: str, content: str, message: str) -> None:
+    (folder / name).write_text(content)
     with pytest.raises(UserError, match=message):
-        export(folder, ["kitti", "ply", "g2o", "ifc"], folder / "x.ifc")
+        export(folder, ["kitti", "ply", "ifc"], folder / "x.ifc")
 
 
 def test_a_run_that_was_not_anchored_is_exported_in_the_maps_frame_or_refused(folder: Path) -> None:
@@ -134,4 +116,3 @@ def test_a_run_that_was_not_anchored_is_exported_in_the_maps_frame_or_refused(fo
     assert np.abs(trimesh.load(folder / "map.ply").vertices).max() < 30.0
     words = ("sgslam.cli.export", "--out", folder, "--format")
     assert "--bim" in refused(*words, "ifc") and "--voxel" in refused(*words, "ply", "--voxel", "0")
-    assert "report.html" in refused(*words, "pdf")  # what is gone says what to use

@@ -32,24 +32,25 @@ def test_bands_grow_outward_on_both_sides() -> None:
 
 def test_the_map_lies_on_the_plan_when_anchored(data: ReportData) -> None:
     drawing = plan_drawing(data)
-    assert drawing.heading == "Ground" and drawing.floor_z == 43.0 and len(drawing.match_lines) > 10
-    way, truth = (drawing.paths[name][0].points for name in ("trajectory", "truth"))
+    assert drawing.heading == "Ground" and drawing.floor_z == 43.0 and len(drawing.layers["matches"]) > 10
+    way, truth = (drawing.layers[name][0].points for name in ("trajectory", "truth"))
     assert np.abs(way - truth).max() < 0.05
-    found = {wall.id: wall for wall in drawing.map_walls}
+    found = {wall.refers: wall for wall in drawing.layers["walls-matched"]}
     for deviation in data.deviations:
         if deviation["kind"] == "moved":
-            wall = found[deviation["s_id"]]
-            assert wall.band == band_of(deviation["offset_m"]) and wall.matched
+            assert f"band-{band_of(deviation['offset_m'])}" in found["wall", deviation["s_id"]].looks
 
 
 def test_a_map_without_a_place_lies_beside_the_plan_or_where_it_is_guessed(data: ReportData) -> None:
     drawing = plan_drawing(not_anchored(data, "none"))
-    assert not len(drawing.match_lines) and not any(w.matched for w in drawing.map_walls)
-    right_of_plan = max(w.ends[:, 0].max() for w in drawing.bim_walls)
-    assert min(w.ends[:, 0].min() for w in drawing.map_walls) > right_of_plan
+    assert not drawing.layers["matches"] and not drawing.layers["walls-matched"]
+    right_of_plan = max(w.points[:, 0].max() for w in drawing.layers["bim-walls"])
+    assert min(w.points[:, 0].min() for w in drawing.layers["walls-unmatched"]) > right_of_plan
     guess = plan_drawing(not_anchored(data, "ambiguous"))
-    for ours, placed in zip(guess.map_walls, plan_drawing(data).map_walls, strict=True):
-        np.testing.assert_allclose(ours.ends, placed.ends, atol=0.15)
+    placed = {wall.refers: wall for wall in plan_drawing(data).layers["walls-matched"]}
+    assert len(guess.layers["walls-matched"]) == len(placed) > 5
+    for wall in guess.layers["walls-matched"]:
+        np.testing.assert_allclose(wall.points[:, :2], placed[wall.refers].points[:, :2], atol=0.15)
     assert not guess.with_deviations
 
 
@@ -63,12 +64,12 @@ def test_the_robots_storey_is_the_matched_one_or_that_of_its_height(data: Report
 
 def test_lost_scans_are_a_path_of_their_own_and_unplaced_parts_are_none(data: ReportData) -> None:
     whole, lost = plan_drawing(data), plan_drawing(with_lost_scans(data))
-    (way,) = whole.paths["trajectory"]
-    known = np.vstack([piece.points for piece in lost.paths["trajectory"]])
+    (way,) = whole.layers["trajectory"]
+    known = np.vstack([piece.points for piece in lost.layers["trajectory"]])
     assert np.allclose(known, np.delete(way.points, np.r_[LOST, APART], axis=0))
-    (grey,) = lost.paths["lost"]
+    (grey,) = lost.layers["lost"]
     assert np.allclose(grey.points, way.points[LOST.start - 1 : LOST.stop + 1])  # with the known scans on either side
-    assert not whole.paths.get("lost")
+    assert not whole.layers["lost"]
     assert np.allclose(np.ptp(lost.bounds(), axis=0), np.ptp(whole.bounds(), axis=0), rtol=0.5)  # far parts count not
 
 
@@ -93,7 +94,7 @@ def test_the_band_reaches_two_standard_deviations_to_either_side(data: ReportDat
     def band(sigma: tuple[float, float]) -> shapely.Geometry:
         scans = replace(data.scans, sigma=np.tile(sigma, (248, 1)))
         drawing = plan_drawing(replace(data, trajectory_map=way, scans=scans))
-        return shapely.union_all([shapely.Polygon(outline) for outline in drawing.band])
+        return shapely.union_all([shapely.Polygon(area.points) for area in drawing.layers["uncertainty"]])
 
     low_x, low_y, high_x, high_y = band((x, y)).bounds
     assert (high_x - low_x, high_y - low_y) == pytest.approx((10 + 4 * x, 4 * y), abs=0.01)
@@ -132,6 +133,6 @@ def test_of_a_long_run_little_is_drawn_and_no_peak_is_lost(data: ReportData) -> 
     assert run.scans is not None
     health = np.where(np.arange(len(chosen)) == 12_345, "lost", "good")
     lost = replace(run, scans=replace(run.scans, health=health))
-    (grey,) = plan_drawing(lost).paths["lost"]
+    (grey,) = plan_drawing(lost).layers["lost"]
     assert 2 <= len(grey.points) <= 3  # one lost scan is seen
-    assert len(plan_drawing(run).paths["trajectory"][0].points) == MAX_VERTICES
+    assert len(plan_drawing(run).layers["trajectory"][0].points) == MAX_VERTICES

@@ -13,8 +13,10 @@ from sgslam.slam import SceneGraphSlam
 from sgslam.viewer.rerun_log import RerunLog
 
 pytest.importorskip("rerun", reason="rerun is not installed: pip install 'sgslam[rerun]'")
-SHOWN = {"/map/sensor", "/map/sensor/scan", "/health", "/map", "/map/trajectory", "/map/walls/matched", "/map/rooms"}
-OF_THE_PLAN = {"/plan/walls", "/plan/rooms", "/matching", "/anchors/tight", "/anchors/changes"}
+FLOOR, STOREY = "/map/floor-0", "/plan/Ground"
+SHOWN = {"/map", "/map/sensor", "/map/scan", "/health", f"{FLOOR}/trajectory/way", f"{FLOOR}/walls/matched"}
+SHOWN |= {f"{FLOOR}/rooms/outlines", f"{STOREY}/plan/walls", f"{STOREY}/rooms/outlines"}
+OF_THE_PLAN = {"/matching", "/anchors/tight", "/anchors/changes"}
 
 
 @pytest.mark.slow
@@ -32,7 +34,7 @@ def test_the_recording_holds_the_run_over_time_which_is_the_same(tmp_path: Path)
     counts: Counter[str] = Counter()
     for chunk in RrdReader(path).stream():
         counts[str(chunk.entity_path)] += chunk.num_rows
-    assert counts.keys() >= SHOWN | OF_THE_PLAN and counts["/map/sensor/scan"] == len(drive.scans)
+    assert counts.keys() >= SHOWN | OF_THE_PLAN and counts["/map/scan"] == 2 * len(drive.scans)  # points and pose
     assert seen.trajectory.poses.tobytes() == alone.trajectory.poses.tobytes()
     assert seen.s_graph == alone.s_graph and seen.deviations == alone.deviations and seen.anchors == alone.anchors
 

@@ -61,9 +61,7 @@ def test_the_page_follows_the_run_which_is_the_same_and_draws_matched_walls_at_p
         update = slam.add_scan(stamp_ns, points, np.zeros(len(points)))
         view.add_scan(slam, update, points)
         if k % 20 == 0:
-            view.wait()
             headings.append(str(view.panel.status.content))
-    view.stop()
     seen, alone = slam.finish(), small_run(with_bim=True)[1]
     assert seen.trajectory.poses.tobytes() == alone.trajectory.poses.tobytes()
     assert seen.s_graph == alone.s_graph and seen.deviations == alone.deviations and seen.anchors == alone.anchors
@@ -79,7 +77,6 @@ def test_the_page_follows_the_run_which_is_the_same_and_draws_matched_walls_at_p
     monkeypatch.setattr(page, "lines", lambda *_, **__: 1 / 0)
     failing = LiveView(page)
     failing.add_scan(slam, update, points)
-    failing.stop()
     assert "no longer updated: ZeroDivisionError" in caplog.text
 
 

@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 from data.common.errors import UserError
 from data.geometry.poses import xyzquat_to_poses
 from data.trajectory import Trajectory
-from sgslam.geometry.trajectory_errors import accuracy, align_se3, yaw_errors
-from sgslam.report import associate
+from sgslam.geometry.trajectory_errors import accuracy, align_se3, associate, yaw_errors
 
 MS = 1_000_000
 T0 = 1_700_000_000_000_000_000

@@ -1,1 +1,0 @@
-"""Export of finished runs to the formats of other programs."""
