@@ -16,9 +16,10 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Entry:
-    """A factor, its origin `by` (odometry, a match, ...), and the reason `why`."""
+    """A factor, its origin `by` (odometry, a match, ...), and the reason `why`. The factor of a restored run is None
+    until it is made again."""
 
-    factor: gtsam.NonlinearFactor
+    factor: gtsam.NonlinearFactor | None
     by: str
     why: str
 
@@ -45,20 +46,14 @@ class FactorLog:
         self.events: list[FactorEvent] = []
 
     def state(self) -> dict[str, Any]:
-        """Returns keys and events as a tree; the factors themselves are rebuilt for `restore`."""
-        keys = {kind: list(entries) for kind, entries in self._held.items()}
-        return {"held": keys, "barred": self._barred, "refused": self._refused, "events": self.events}
+        """Returns the origins by key, and the events, as a tree; without the factors themselves."""
+        held = {kind: {key: entry.by for key, entry in entries.items()} for kind, entries in self._held.items()}
+        return {"held": held, "barred": self._barred, "refused": self._refused, "events": self.events}
 
-    def restore(self, state: dict[str, Any], made: "FactorLog") -> None:
-        """Restores what `state` returned, with the rebuilt factors of the log `made`.
-
-        Raises ValueError where one is missing there.
-        """
-        for kind in KINDS:
-            factors = made.held(kind)
-            if missing := [key for key in state["held"][kind] if key not in factors]:
-                raise ValueError(f"factor {kind} {missing[0]} cannot be rebuilt")
-            self._held[kind] = {key: factors[key] for key in state["held"][kind]}
+    def restore(self, state: dict[str, Any]) -> None:
+        """Restores what `state` returned, with the factors that are held already."""
+        for kind, held in self._held.items():
+            self._held[kind] = {key: held.get(key, Entry(None, by, "")) for key, by in state["held"][kind].items()}
         self._barred, self._refused, self.events = state["barred"], state["refused"], state["events"]
 
     def held(self, kind: Kind) -> dict[Key, Entry]:
@@ -110,7 +105,7 @@ class FactorLog:
         """Builds the factor graph of all factors that hold now, or of those that are chosen."""
         graph = gtsam.NonlinearFactorGraph()
         for kind, key, entry in self:
-            if of(kind, key):
+            if entry.factor is not None and of(kind, key):
                 graph.add(entry.factor)
         return graph
 
@@ -118,7 +113,7 @@ class FactorLog:
         """The factors with a non-finite error at `values`, each with the reason."""
         for kind, key, entry in self:
             try:
-                error = entry.factor.error(values)
+                error = 0.0 if entry.factor is None else entry.factor.error(values)
             except RuntimeError as refused:
                 yield kind, key, f"GTSAM refuses it ({str(refused).strip().partition(chr(10))[0]})"
             else:

@@ -24,10 +24,8 @@ def write_pose_graph(path: Path, log: FactorLog, poses: Floats) -> int:
     Robust losses are left out, as are walls, rooms and the plan. Returns the number of edges.
     """
     lines = [f"VERTEX_SE3:QUAT {i} {_words(row)}" for i, row in enumerate(poses_to_xyzquat(poses))]
-    edges = [
-        _edge(entry.factor) for _, _, entry in log if isinstance(entry.factor, gtsam.BetweenFactorPose3)
-        and all(chr(gtsam.symbolChr(key)) == "x" for key in list(entry.factor.keys()))
-    ]  # fmt: skip
+    motions = [entry.factor for _, _, entry in log if isinstance(entry.factor, gtsam.BetweenFactorPose3)]
+    edges = [_edge(f) for f in motions if all(chr(gtsam.symbolChr(key)) == "x" for key in list(f.keys()))]
     write_atomically(path, "\n".join(lines + edges) + "\n")
     return len(edges)
 

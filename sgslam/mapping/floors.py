@@ -1,7 +1,7 @@
 """The floors of a run: walls and scene of each, and the S-graph of all floors."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,16 +10,29 @@ from data import Keyframe, SceneGraph
 from data.geometry.poses import poses_to_xyzquat
 from sgslam.config import Config
 from sgslam.geometry.frames import level_map
-from sgslam.mapping.estimates import Estimates
 from sgslam.mapping.graph_nodes import RoomNode
 from sgslam.mapping.keyframes import KeyframeNode
-from sgslam.mapping.level_map import LevelMap, LevelRegister, SeenLevel
+from sgslam.mapping.level_map import LevelMap, SeenLevel
 from sgslam.mapping.scene import Scene, build_scene
-from sgslam.mapping.wall_map import SeenWall, WallMap, WallRegister
+from sgslam.mapping.wall_map import Register, SeenWall, WallMap
 
 Floats = NDArray[np.float64]
 _SCENE, _UNPLACED = 16, 3  # keyframes between two segmentations of rooms, and while the map is not placed
 _GROWTH = 0.25  # of the keyframes of a floor, by which it grows between them
+
+
+class Estimates(Protocol):
+    """What the map takes from the factor graph, in the map frame: keyframes in the order in which they were taken, and
+    the planes (4,) of walls and level surfaces by number."""
+
+    keyframes: list[KeyframeNode]
+    planes_in_map: dict[int, Floats]
+    levels_in_map: dict[int, Floats]
+
+    @property
+    def poses(self) -> Floats:
+        """(K, 4, 4) T_map_sensor of all keyframes."""
+        ...
 
 
 @dataclass
@@ -27,8 +40,7 @@ class FloorMap:
     """One floor of the S-graph: its walls and level surfaces.
 
     `plane_in_map` (4,) is that of the floor itself, None until it was seen; `sensor_height` (m) is the sensor's usual
-    one above it, as far as known. `scene` holds the rooms and wall surfaces of
-    the last `cut`, None before.
+    one above it, as far as known. `scene` holds the rooms and wall surfaces of the last `cut`, None before.
     """
 
     number: int
@@ -65,33 +77,25 @@ class Floors:
 
     def __init__(self, config: Config) -> None:
         self._config = config
-        self.register, self.level_register = WallRegister(), LevelRegister()
+        self.register, self.level_register = Register(), Register()
         self.maps: list[FloorMap] = []
         self.current = self.begin()
 
     def state(self) -> dict[str, Any]:
         """Returns the state as a tree (see `state_tree`)."""
-        return {
-            "register": self.register.state(), "level_register": self.level_register.state(),
-            "current": self.current.number,
-            "maps": [
-                {
-                    "walls": floor.walls.state(), "levels": floor.levels.state(), "scene": floor.scene,
-                    "plane_in_map": floor.plane_in_map, "sensor_height": floor.sensor_height,
-                }
-                for floor in self.maps
-            ],
-        }  # fmt: skip
+        maps = [vars(f) | {"walls": f.walls.state(), "levels": f.levels.state()} for f in self.maps]
+        registers = {"register": self.register.state(), "level_register": self.level_register.state()}
+        return registers | {"current": self.current.number, "maps": maps}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Restores what `state` returned."""
         self.maps.clear()
-        for of_floor in state["maps"]:
+        for own in state["maps"]:
             floor = self.begin()
-            floor.walls.restore(of_floor["walls"])
-            floor.levels.restore(of_floor["levels"])
-            floor.scene, floor.plane_in_map = of_floor["scene"], of_floor["plane_in_map"]
-            floor.sensor_height = of_floor["sensor_height"]
+            floor.walls.restore(own["walls"])
+            floor.levels.restore(own["levels"])
+            for name in ("scene", "plane_in_map", "sensor_height"):
+                setattr(floor, name, own[name])
         self.register.restore(state["register"])
         self.level_register.restore(state["level_register"])
         self.current = self.maps[state["current"]]
@@ -148,9 +152,12 @@ class Floors:
     def graph(self, keyframes: list[KeyframeNode], scenes: list[Scene]) -> SceneGraph:
         """The S-graph of all `scenes` in the map frame, with the keyframes on stairs."""
         graphs = [scene.graph for scene in scenes]
-        taken = [*(k for g in graphs for k in g.keyframes), *_on_stairs(keyframes)]
-        if len(graphs) == 1 and all(k.storey is not None for k in keyframes):
+        between = {i: k for i, k in enumerate(keyframes) if k.storey is None}
+        if len(graphs) == 1 and not between:
             return graphs[0]
+        poses = {i: tuple(poses_to_xyzquat(k.T_map_sensor).tolist()) for i, k in between.items()}
+        on_stairs = [Keyframe(f"k{i}", k.stamp_ns, poses[i]) for i, k in between.items()]
+        taken = [*(k for g in graphs for k in g.keyframes), *on_stairs]
         return SceneGraph(
             "map",
             tuple(room for g in graphs for room in g.rooms),
@@ -159,10 +166,3 @@ class Floors:
             tuple(floor for g in graphs for floor in g.floors),
             tuple(sorted(taken, key=lambda k: k.stamp_ns)),
         )
-
-
-def _on_stairs(keyframes: list[KeyframeNode]) -> list[Keyframe]:
-    return [
-        Keyframe(f"k{i}", k.stamp_ns, tuple(poses_to_xyzquat(k.T_map_sensor[None])[0].tolist()))
-        for i, k in enumerate(keyframes) if k.storey is None
-    ]  # fmt: skip

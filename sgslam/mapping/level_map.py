@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from sgslam.config import LevelSettings
 from sgslam.geometry.frames import transform_planes, transform_points
+from sgslam.mapping.wall_map import Register
 from sgslam.perception import LevelObservation
 from sgslam.perception.level_extraction import CELL, middles_of_cells
 from sgslam.serialization import Stateful
@@ -30,20 +31,6 @@ class SeenLevel:
     sigma_offset: float
 
 
-class LevelRegister(Stateful):
-    """The numbering that the level maps of all floors share: `levels` is the count of numbered ones."""
-
-    _STATE = ("levels",)
-
-    def __init__(self) -> None:
-        self.levels = 0
-
-    def number(self) -> int:
-        """A new level's number."""
-        self.levels += 1
-        return self.levels - 1
-
-
 @dataclass(frozen=True)
 class Levels:
     """M level surfaces in the levelled map: the `places` (C, 3) in plan view where each was seen, the `height` (M,), m,
@@ -65,7 +52,7 @@ class LevelMap(Stateful):
 
     _STATE = ("seen", "planes_in_map", "drift", "_places", "_floors")
 
-    def __init__(self, settings: LevelSettings, register: LevelRegister) -> None:
+    def __init__(self, settings: LevelSettings, register: Register) -> None:
         self._settings, self._register = settings, register
         self.seen: list[SeenLevel] = []
         self.planes_in_map: dict[int, Floats] = {}

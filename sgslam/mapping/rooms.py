@@ -45,6 +45,10 @@ class Segmentation:
     rooms: list[SeenRoom]
     passages: list[Passage]
 
+    def at(self, points: Floats) -> NDArray[np.int32]:
+        """(N,) the labels at points (N, 2)."""
+        return self.grid.look_up(self.labels, points)
+
 
 def segment(space: FreeSpace, visited: Floats, settings: RoomSettings) -> Segmentation:
     """Segments free space into rooms. Only free space connected to the sensor places `visited` (K, 2) is used."""
@@ -105,10 +109,8 @@ def _join_wide_necks(labels: NDArray[np.int32], clearance: Floats, settings: Roo
     widths = {pair: 2 * float(clearance[cells[:, 1], cells[:, 0]].max()) for pair, cells in _borders(labels).items()}
     name = np.arange(count, dtype=np.int32)
     while True:
-        wide = [
-            (width, pair) for pair, width in widths.items()
-            if width > settings.neck or width > 0.85 * 2 * min(depth[pair[0]], depth[pair[1]])
-        ]  # fmt: skip
+        most = {(a, b): min(settings.neck, 0.85 * 2 * min(depth[a], depth[b])) for a, b in widths}
+        wide = [(width, pair) for pair, width in widths.items() if width > most[pair]]
         if not wide:
             return name[labels]
         _, (kept, gone) = max(wide)

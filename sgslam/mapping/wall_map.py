@@ -32,22 +32,23 @@ class SeenWall:
     sigma_offset: float
 
 
-class WallRegister(Stateful):
-    """The numbering that the wall maps of all floors share.
+class Register(Stateful):
+    """The numbering of walls or level surfaces that the maps of all floors share.
 
-    `order` is the floor of each observation in the order in which they were made, `walls` the count of numbered walls.
+    `count` of them are numbered; `order` is the floor of each observation of a wall, in the order in which they were
+    made.
     """
 
-    _STATE = ("order", "walls")
+    _STATE = ("order", "count")
 
     def __init__(self) -> None:
         self.order: list[int] = []
-        self.walls = 0
+        self.count = 0
 
     def number(self) -> int:
-        """A new wall number."""
-        self.walls += 1
-        return self.walls - 1
+        """A new number."""
+        self.count += 1
+        return self.count - 1
 
 
 @dataclass(frozen=True)
@@ -77,14 +78,11 @@ class WallMap(Stateful):
     are the back end's planes (4,) by wall number.
     """
 
-    _STATE = (
-        "seen", "planes_in_map", "T_level_map", "_extent", "_intervals", "_across", "_along", "_joined_into",
-        "_lines",
-    )  # fmt: skip
+    _STATE = ("seen", "planes_in_map", "T_level_map", "_extent", "_intervals", "_across", "_along", "_joined_into")
 
-    def __init__(self, settings: SurfaceSettings, register: WallRegister | None = None, storey: int = 0) -> None:
+    def __init__(self, settings: SurfaceSettings, register: Register | None = None, storey: int = 0) -> None:
         self._settings = settings
-        self._register, self._storey = register or WallRegister(), storey
+        self._register, self._storey = register or Register(), storey
         self.seen: list[SeenWall] = []
         self.planes_in_map: dict[int, Floats] = {}
         self.T_level_map: Floats = np.eye(4)
@@ -92,7 +90,6 @@ class WallMap(Stateful):
         self._intervals: list[tuple[int, float, float]] = []  # wall, low, high of each observation
         self._across, self._along = np.empty(0), np.empty(0)  # m, each observation's centre relative to its wall
         self._joined_into: dict[int, int] = {}
-        self._lines: Lines | None = None
 
     def level_by(self, T_level_map: Floats) -> None:
         """Sets T_level_map (4, 4), which puts the floor at z = 0."""
@@ -128,7 +125,7 @@ class WallMap(Stateful):
         self.T_level_map = T_level_map
         observed = {s.wall for s in self.seen}
         self.planes_in_map = {wall: plane for wall, plane in planes_in_map.items() if wall in observed}
-        self._extent, self._intervals, self._lines = {}, [], None
+        self._extent, self._intervals = {}, []
         if not self.seen:
             return
         T = poses[[s.keyframe for s in self.seen]]
@@ -146,21 +143,15 @@ class WallMap(Stateful):
         self._along = middle[:, 1] * normal[owner, 0] - middle[:, 0] * normal[owner, 1]
         self._widen(ids[owner], normal[owner], ends[..., :2], [s.keyframe for s in self.seen])
 
-    @property
-    def lines(self) -> Lines:
-        """The walls as lines since the last keyframe or refresh."""
-        if self._lines is None:
-            self._lines = self.lines_of_estimates()
-        return self._lines
-
     def current(self, wall: int) -> int:
         """The number of the wall that this one was joined into; its own if it was not."""
         while wall in self._joined_into:
             wall = self._joined_into[wall]
         return wall
 
-    def lines_of_estimates(self) -> Lines:
-        """The walls as lines in the levelled map, computed from the present estimates."""
+    @property
+    def lines(self) -> Lines:
+        """The walls as lines in the levelled map, by the present estimates."""
         ids = np.array(sorted(self.planes_in_map), dtype=np.int64)
         if not len(ids):
             none = np.empty(0)
@@ -188,29 +179,11 @@ class WallMap(Stateful):
             result[s.wall] = (min(low, s.heights[0]), max(high, s.heights[1]))
         return result
 
-    def counts(self) -> dict[int, int]:
-        """For each wall, the number of keyframes that saw it."""
-        return {wall: len(keyframes) for wall, (_, _, keyframes) in self._extent.items()}
-
-    def scatter(self) -> dict[int, float]:
-        """For each wall, the standard error (m) of its offset from the scatter of its observations.
-
-        Errors of neighbouring keyframes are correlated, so it falls only with the fourth root of their number.
-        """
-        values: dict[int, list[float]] = {}
-        for s, across in zip(self.seen, self._across.tolist(), strict=True):
-            values.setdefault(s.wall, []).append(across)
-        errors = {}
-        for wall, own in values.items():
-            off = np.asarray(own)
-            errors[wall] = 1.48 * float(np.median(np.abs(off - np.median(off)))) / len(own) ** 0.25
-        return errors
-
     def join_duplicates(self) -> int:
         """Joins walls that coincide; returns the number of walls that were dropped."""
         joined = 0
         while True:
-            lines = self.lines_of_estimates()
+            lines = self.lines
             pair = _closest_duplicate(lines, self._settings)
             if pair is None:
                 return joined
@@ -250,7 +223,7 @@ class WallMap(Stateful):
                 s.wall = names[s.wall]
 
     def _relabel(self, gone: int, kept: int) -> None:
-        self._joined_into[gone], self._lines = kept, None
+        self._joined_into[gone] = kept
         for s in self.seen:
             if s.wall == gone:
                 s.wall = kept
@@ -270,7 +243,7 @@ class WallMap(Stateful):
 
         Of the walls that face the same way and are near along, the nearest across is taken.
         """
-        lines = self.lines_of_estimates()
+        lines = self.lines
         nearest, fits = np.zeros(len(ends), dtype=np.int64), np.zeros(len(ends), dtype=bool)
         if len(lines.ids):
             normals, _ = self._as_lines(planes_in_map)
@@ -292,7 +265,6 @@ class WallMap(Stateful):
     def _widen(self, walls: NDArray[np.int64], normals: Floats, ends: Floats, keyframes: list[int]) -> None:
         """Extends walls (N,) with normals (N, 2) by pieces that end at `ends` (N, 2, 2), seen by `keyframes` (N,)."""
         along = ends[..., 1] * normals[:, None, 0] - ends[..., 0] * normals[:, None, 1]
-        self._lines = None
         reach = zip(walls.tolist(), along.min(axis=1).tolist(), along.max(axis=1).tolist(), keyframes, strict=True)
         for wall, low, high, keyframe in reach:
             old = self._extent.get(wall, (np.inf, -np.inf, set()))

@@ -15,7 +15,7 @@ from data import UserError
 from data.common.files import atomic_file
 from sgslam.serialization.state_tree import Packer, Unpacker
 
-FORMAT, VERSION = "sgslam state", 24
+FORMAT, VERSION = "sgslam state", 25
 _TREE, _HEADER = "tree", "header"
 
 

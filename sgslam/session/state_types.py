@@ -6,7 +6,7 @@ from sgslam.anchoring import AnchorRecord
 from sgslam.anchoring.anchor_log import AnchorEvent
 from sgslam.anchoring.place_posterior import Place, PlacePosterior
 from sgslam.backend import FactorEvent
-from sgslam.mapping import Anchors, Closure, KeyframeNode, Lines, PlannedWall, RoomNode, Scene, SeenLevel, SeenWall
+from sgslam.mapping import Anchors, Closure, KeyframeNode, PlannedWall, RoomNode, Scene, SeenLevel, SeenWall
 from sgslam.registration.beliefs import Belief
 from sgslam.session.scan_poses import ScanPose
 from sgslam.tracking.run_tracker import Losses
@@ -16,7 +16,7 @@ TYPES: dict[str, type] = {
     kind.__name__: kind
     for kind in (
         AnchorEvent, AnchorRecord, Anchors, Belief, Closure, Door, FactorEvent, Floor, Hypothesis,
-        Keyframe, KeyframeNode, Lines, Losses, MatchResult, Motion, Place, PlacePosterior, PlannedWall,
+        Keyframe, KeyframeNode, Losses, MatchResult, Motion, Place, PlacePosterior, PlannedWall,
         RawScan, Registration, Room, RoomNode, ScanPose, Scene, SceneGraph, SeenLevel, SeenWall, TimedPoints,
         TrackedScan, UnsteadyTurn, WallSurface,
     )
