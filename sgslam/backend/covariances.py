@@ -145,7 +145,8 @@ def _kinds(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> list[_Kin
     for i in range(graph.size()):
         factor: Any = graph.at(i)  # gtsam's stubs know only its base class
         first, row = row, row + factor.dim()
-        base, loss = None, None
+        base: Any = None  # as above
+        loss = None
         if isinstance(factor, gtsam.LinearContainerFactor):
             whole = np.asarray(factor.linearize(values).jacobian()[1])
         else:
