@@ -4,6 +4,8 @@ A plane variable is expressed in the frame of a nearby anchor pose (`LocalOrient
 small error of the normal would be coupled with a large one of the offset.
 """
 
+from typing import Any
+
 import gtsam
 import gtsam_unstable
 import numpy as np
@@ -27,9 +29,7 @@ def observe_plane(
     return gtsam_unstable.LocalOrientedPlane3Factor(_checked(plane_in_pose), noise, pose, anchor, plane)
 
 
-def observe_own_plane(
-    plane_in_anchor: ArrayLike, identity: int, plane: int, noise: gtsam.noiseModel.Base
-) -> gtsam.NoiseModelFactor:
+def observe_own_plane(plane_in_anchor: ArrayLike, identity: int, plane: int, noise: Any) -> gtsam.NoiseModelFactor:
     """Returns a factor for a plane (4,) as its own anchor observed it: a prior on the plane variable.
 
     `identity` is the key of a pose variable that a tight prior holds at the identity (GTSAM wraps no prior for planes);

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from data.ifc.bcf import Model, Topic, Version, write_bcf
 from data.scene_graph import SceneGraph
 from sgslam.as_built.elements.tolerance_classes import is_off
+from sgslam.config.sensor import CARRIER
 
 if TYPE_CHECKING:
     from data.ifc.deviations import ElementFinding, UnplannedWall
@@ -19,7 +20,6 @@ Floats = NDArray[np.float64]
 Entry = Mapping[str, Any]  # of elements.json
 BCF: dict[Version, str] = {"2.1": "deviations.bcf", "3.0": "deviations_3.0.bcf"}  # most viewers read the first only
 _COLORS = {"moved": "FFD65E00", "absent": "FF56B4E9", "extra": "FFCC79A7"}
-_EYE = 1.2  # m above the floor, where the camera looks at an element
 
 
 def element_findings(elements: Sequence[Entry]) -> list["ElementFinding"]:
@@ -84,7 +84,7 @@ def _of_element(own: Entry, a_graph: SceneGraph) -> Topic:
         said.append(f"sigma {own['sigma_m'] * 1000:.0f} mm{turned}")
     floors = {name: floor.elevation for floor in a_graph.floors for name in (floor.id, floor.name)}
     first, last, across = _middle_line(np.array(own["outline"], dtype=float).reshape(-1, 2))
-    z = (floors.get(own["storey"]) or 0.0) + _EYE
+    z = (floors.get(own["storey"]) or 0.0) + CARRIER.eye
     if own["direction"] is not None and np.hypot(*own["direction"][:2]) > 0:
         across = np.array(own["direction"][:2]) * np.sign(own["offset_m"] or 1.0)
     return Topic(

@@ -16,13 +16,13 @@ import factors
 from sgslam.backend.factor_log import Entry, FactorLog, Key, Kind
 from sgslam.backend.variables import BIM, GROUND, IDENTITY, LEVEL, SAME, GraphInputs, middles, planned_walls
 from sgslam.config import Config
+from sgslam.config.sensor import BUILDING
 from sgslam.mapping import SMOOTHED, Anchors, Closure, KeyframeNode, PlannedWall, RoomNode, SeenLevel, SeenWall
 
 Floats = NDArray[np.float64]
 _OUTLIER = (
     3.0  # whitened residual beyond which a loop closure counts less, and at which an anchor's weight is a quarter
 )
-_PARALLEL = 0.003  # rad between two floors or ceilings of a building
 _FREE = 1000.0  # m, of what is not measured
 
 
@@ -149,11 +149,12 @@ class GraphBuilder:
         """A level frame, loosely at the origin of the map, in which every level surface is level at any height."""
         by, loose = "level extraction", (LEVEL, gtsam.Pose3(), factors.noise_of_pose(1.0, 1.0))
         entries = self._entry("level", ("level",), by, "a frame that all levels share", gtsam.PriorFactorPose3, *loose)
-        noise, why = self._plane_noise(_PARALLEL, _FREE), "floors and ceilings of a building are parallel"
+        noise = self._plane_noise(BUILDING.parallel_floors, _FREE)
         for level, anchor in anchor_of.items():
             up = [0.0, 0.0, 1.0 if self._is_floor[level] else -1.0, 0.0]
             factor = factors.observe_plane, up, LEVEL, X(anchor), F(level), noise
-            entries |= self._entry("level", ("level", level, anchor), by, why, *factor)
+            key, why = ("level", level, anchor), "floors and ceilings of a building are parallel"
+            entries |= self._entry("level", key, by, why, *factor)
         return entries
 
     def _verticals(self) -> dict[Key, Entry]:

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.config.sensor import FURTHEST
+from sgslam.config.sensor import SENSOR
 
 Floats = NDArray[np.float64]
 _CELL = 0.05  # m, of the grid
@@ -83,4 +83,4 @@ def free_space(sensors: Floats, outlines: Iterable[Floats], segments: Floats, li
 def _within_reach(sensor: Floats, outline: Floats) -> Floats:
     away = outline - sensor
     distance = np.hypot(away[:, 0], away[:, 1])
-    return sensor + away * np.minimum(1.0, FURTHEST / np.maximum(distance, 1e-9))[:, None]
+    return sensor + away * np.minimum(1.0, SENSOR.furthest / np.maximum(distance, 1e-9))[:, None]

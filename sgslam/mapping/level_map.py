@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.config import LevelSettings
+from sgslam.config.sensor import BUILDING
 from sgslam.geometry.frames import transform_planes, transform_points
 from sgslam.mapping.wall_map import Register
 from sgslam.perception import LevelObservation
@@ -13,7 +14,6 @@ from sgslam.perception.level_extraction import CELL, middles_of_cells
 from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
-_REACH = 3.0  # m between two places of one ceiling: the height may differ from room to room
 _FLOOR_SHARE = 0.25  # of the largest level surface seen from above, the least area of the floor
 
 
@@ -90,7 +90,7 @@ class LevelMap(Stateful):
     def _ceilings_near(self, centre: Floats) -> set[int]:
         """The ceilings that were seen near a point (3,) in the map."""
         ceilings = {level: places for level, places in self._places.items() if level not in self._floors}
-        reach = _REACH**2
+        reach = BUILDING.ceiling_reach**2
         return {k for k, places in ceilings.items() if ((places - centre)[:, :2] ** 2).sum(axis=1).min() < reach}
 
     def _join(self, level: int, places: Floats, is_floor: bool) -> None:

@@ -12,10 +12,10 @@ from scipy import ndimage
 from skimage.segmentation import expand_labels, watershed
 
 from sgslam.config import RoomSettings
+from sgslam.config.sensor import BUILDING
 from sgslam.mapping.free_space import FreeSpace, Grid
 
 Floats = NDArray[np.float64]
-_DOOR_DEPTH = 0.4  # m, of the wall that a door stands in
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def segment(space: FreeSpace, visited: Floats, settings: RoomSettings) -> Segmen
 
 def _over_lintels(labels: NDArray[np.int32], space: FreeSpace) -> NDArray[np.int32]:
     """Lets rooms grow towards each other under lintels, so that those joined by a door meet there."""
-    depth = _DOOR_DEPTH / space.grid.cell
+    depth = BUILDING.door_depth / space.grid.cell
     grown = expand_labels(labels, distance=depth)
     # only the two faces of a lintel are seen, so the gap between them is closed
     window = np.ones((int(depth) + 1,) * 2, np.uint8)

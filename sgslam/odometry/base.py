@@ -12,7 +12,6 @@ from sgslam.types import Motion
 
 Floats = NDArray[np.float64]
 State = dict[str, Any]
-SCAN_S = 0.1  # how long most sensors take for a scan
 LEAST = 20  # points that a registration by others needs
 GAP_NS = NS  # a longer step between two poses does not tell how the sensor moved within it
 

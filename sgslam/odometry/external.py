@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from data.common.errors import UserError
 from data.trajectory import Trajectory
 from data.trajectory.stamps import NS, ns_to_seconds
-from sgslam.odometry.base import GAP_NS, SCAN_S
+from sgslam.config.sensor import SENSOR
+from sgslam.odometry.base import GAP_NS
 
 Floats = NDArray[np.float64]
-_BEYOND_NS = round(SCAN_S * NS)  # extrapolation before the first pose and after the last
+_BEYOND_NS = round(SENSOR.scan_seconds * NS)  # extrapolation before the first pose and after the last
 
 
 class ExternalOdometry:

@@ -9,9 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from data.trajectory.stamps import NS
 from sgslam.config import OdometrySettings
+from sgslam.config.sensor import SENSOR
 from sgslam.geometry.frames import inverse, squared_up
 from sgslam.inertial import Steps
-from sgslam.odometry.base import GAP_NS, SCAN_S, steady_motion
+from sgslam.odometry.base import GAP_NS, steady_motion
 from sgslam.registration.motion_prior import moved_on, velocity_between
 from sgslam.serialization import Stateful
 from sgslam.types import Registration
@@ -56,7 +57,7 @@ class GivenMotion(Stateful):
         if self._poses:
             seconds = (stamp_ns - self._stamps_ns[-1]) / NS
             before, self._step = self._step, np.asarray(velocity_between(self._poses[-1], pose, seconds))
-            share = min(seconds / SCAN_S, 1.0)  # the velocity of a shorter step is that of its error
+            share = min(seconds / SENSOR.scan_seconds, 1.0)  # the velocity of a shorter step is that of its error
             self._is_outlier = all(self._differs(share * (self._step - known)) for known in (self._velocity, before))
             if self._is_outlier:
                 self._warn(stamp_ns, seconds)

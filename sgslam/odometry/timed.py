@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.scans.point_times import BEFORE_STAMP, Stamped
+from sgslam.config.sensor import CARRIER, SENSOR
 from sgslam.geometry.frames import inverse, squared_up
-from sgslam.odometry.base import SCAN_S, State
+from sgslam.odometry.base import State
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.perception.point_times import Rule, even_times, guessed_times
 from sgslam.registration.motion_prior import velocity_between
@@ -20,7 +21,6 @@ Floats = NDArray[np.float64]
 Kind = Literal["snapshot", "order"]
 Kinds = Literal["auto", "snapshot", "order"]
 _log = logging.getLogger(__name__)
-_MOVING, _TURNING = 0.3, 0.3  # m/s and rad/s; slower, a scan looks alike either way
 _MOST = 0.3  # evidence of one scan: the scans after it are not independent
 # Sum of the evidence, natural logarithm, that decides. In 24 drives of rolling scans it was at least -2.0,
 # in 24 of snapshots at most 3.2, on the way to the right end.
@@ -126,7 +126,7 @@ class TimedOdometry:
     def _guessed(self, points: Floats) -> tuple[Floats, bool]:
         """The times of points (N, 3), and whether their order gives them; where not, they are those of a sensor that
         does not turn once around, if it is one, or all are the scan's middle."""
-        duration_s = self._duration_s if np.isfinite(self._duration_s) else SCAN_S  # of the first scan
+        duration_s = self._duration_s if np.isfinite(self._duration_s) else SENSOR.scan_seconds  # of the first scan
         began = -self._before_stamp * duration_s
         found = guessed_times(points, duration_s)
         if found is not None:
@@ -138,7 +138,8 @@ class TimedOdometry:
 
     def _moves(self, results: dict[Kind, Registration], interval_s: float) -> bool:
         """Whether the sensor moves, as either odometry has it: one that has failed may well stand still."""
-        return any(_exceeds(self._velocity(kind, results[kind], interval_s), _MOVING, _TURNING) for kind in results)
+        velocities = [self._velocity(kind, result, interval_s).reshape(2, 3) for kind, result in results.items()]
+        return bool((np.linalg.norm(velocities, axis=2) > CARRIER.moving).any())
 
     def _misfit(self, kind: Kind, result: Registration) -> float:
         """Distance of the points that fit, in metres, over their share: where few fit, those that do may be near."""
@@ -180,11 +181,6 @@ class TimedOdometry:
         self._last, self._last_ns = dict(state["last"]), state["last_ns"]
         self._duration_s, self._rule, self._shift = state["duration_s"], state["rule"], state["shift"]
         self._held = state["held"]
-
-
-def _exceeds(velocity: Floats, speed: float, turn_rate: float) -> bool:
-    """Whether a velocity (6,) is faster than m/s or rad/s."""
-    return bool(np.linalg.norm(velocity[3:]) > speed or np.linalg.norm(velocity[:3]) > turn_rate)
 
 
 def _moved(T: Floats, result: Registration) -> Registration:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
-from sgslam.config.sensor import RANGE_NOISE
+from sgslam.config.sensor import SENSOR
 from sgslam.geometry.normal_equations import principal_axes
 from sgslam.inertial import steadied
 from sgslam.registration.points import UNKNOWN
@@ -128,6 +128,6 @@ def _normals(patches: Floats) -> Floats:
                 patches[p, 4] / n - x * x, patches[p, 5] / n - x * y, patches[p, 6] / n - x * z,
                 patches[p, 7] / n - y * y, patches[p, 8] / n - y * z, patches[p, 9] / n - z * z,
             )  # fmt: skip
-            if values[1] > _FLAT * max(values[0], RANGE_NOISE**2):
+            if values[1] > _FLAT * max(values[0], SENSOR.range_noise**2):
                 normals[p, 0], normals[p, 1], normals[p, 2] = normal
     return normals

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
-from sgslam.config.sensor import RANGE_NOISE
+from sgslam.config.sensor import SENSOR
 from sgslam.geometry.normal_equations import principal_axes
 
 Floats = NDArray[np.float64]
@@ -14,7 +14,6 @@ _LEAST = 6  # points that a plane needs
 FULL = 200.0  # points after which a surfel stays as it is: its mean is known to a millimetre
 _THICK = 0.06  # m, the largest standard deviation across a plane: furniture and corners are none
 _FLAT = 9.0  # times the variance across, that along the plane in its narrower direction at least
-_SHARED = 0.0025  # m, standard deviation of what all points of a patch share: walls and ranges are no truer
 _UNEVEN = 2.0  # times the usual variance across planes, that of one that is not flat
 _BELIEVED = 5.0  # points with the noise of a range, added to a plane's own: few may spread less by chance
 _EXTENT = 2.0  # times the standard deviation of a plane's points along it, its half width: beyond, it was not seen
@@ -41,7 +40,7 @@ def fit_plane(sums: Floats, planes: Floats32, s: int) -> None:
     yy, yz, zz = sums[s, SQUARES + 3] / n - y * y, sums[s, SQUARES + 4] / n - y * z, sums[s, SQUARES + 5] / n - z * z
     values, normal, axis = principal_axes(xx, xy, xz, yy, yz, zz)
     across = values[0] * n / (n - 3)  # a plane has three degrees of freedom
-    if across > _THICK**2 or values[1] < _FLAT * max(across, RANGE_NOISE**2 / 4):
+    if across > _THICK**2 or values[1] < _FLAT * max(across, SENSOR.range_noise**2 / 4):
         return
     towards = sums[s, RAY] * normal[0] + sums[s, RAY + 1] * normal[1] + sums[s, RAY + 2] * normal[2]
     if abs(towards) < GRAZING * n:
@@ -55,8 +54,8 @@ def fit_plane(sums: Floats, planes: Floats32, s: int) -> None:
     planes[s, MEAN], planes[s, MEAN + 1], planes[s, MEAN + 2] = x, y, z
     planes[s, AXIS], planes[s, AXIS + 1], planes[s, AXIS + 2] = axis
     planes[s, HALF_1], planes[s, HALF_2] = _EXTENT * np.sqrt(values[1]), _EXTENT * np.sqrt(values[2])
-    planes[s, ACROSS] = (across * (n - 3) + RANGE_NOISE**2 * _BELIEVED) / (n - 3 + _BELIEVED)
-    planes[s, VARIANCE] = planes[s, ACROSS] / n + _SHARED**2
+    planes[s, ACROSS] = (across * (n - 3) + SENSOR.range_noise**2 * _BELIEVED) / (n - 3 + _BELIEVED)
+    planes[s, VARIANCE] = planes[s, ACROSS] / n + SENSOR.shared_noise**2
     planes[s, VALID] = 1.0
 
 
@@ -96,7 +95,7 @@ def is_within(x: float, y: float, z: float, planes: Floats32, s: int, error: flo
 @compiled
 def misfit(planes: Floats32, s: int, typical: float) -> float:
     """The variance (m2) across a plane beyond that of a flat one, where the `typical` variance (m2) is that of most."""
-    return max(planes[s, ACROSS] - max(_UNEVEN * typical, RANGE_NOISE**2), 0.0)
+    return max(planes[s, ACROSS] - max(_UNEVEN * typical, SENSOR.range_noise**2), 0.0)
 
 
 @compiled

@@ -10,7 +10,6 @@ from data.geometry.raycast import TriangleScene
 from data.plans.bodies import PlannedElement
 from sgslam.as_built.elements.entries import Finding
 from sgslam.as_built.elements.likelihoods import (
-    BEHIND,
     LEAST_CELLS,
     LEAST_VIEWS,
     REACH,
@@ -20,7 +19,7 @@ from sgslam.as_built.elements.likelihoods import (
 )
 from sgslam.as_built.elements.passing import Passing, passing
 from sgslam.as_built.elements.rays import Rays, View
-from sgslam.config.sensor import RANGE_NOISE
+from sgslam.config.sensor import SENSOR
 
 Floats = NDArray[np.float64]
 _GRIDS = ((REACH, 0.05), (0.05, 0.01), (0.012, 0.003))  # m: half the side and step of grids of shifts, one in another
@@ -45,13 +44,13 @@ def column_finding(
     aimed = near.shown & (at_plan < near.others)
     if aimed.sum() < _LEAST_HITS:
         return Finding("not seen", "hidden by what is planned around it, or not in view")
-    told_by = aimed & (near.rays.measured > at_plan - 3 * RANGE_NOISE)
+    told_by = aimed & (near.rays.measured > at_plan - 3 * SENSOR.range_noise)
     if not near.shown.any():
         return Finding("not seen", "no ray reaches it")
     shift, stands, spread = _fit(near, body)
     met = near.ranges(body, shift[None])[0]
     visible = near.shown & (met < near.others)
-    at = visible & (np.abs(near.rays.measured - met) < 3 * RANGE_NOISE)
+    at = visible & (np.abs(near.rays.measured - met) < 3 * SENSOR.range_noise)
     through = told_by & (near.rays.measured > near.leaves)
     seen_by = np.unique(near.rays.view[at | through])
     count, share = len(seen_by), float((at | told_by).sum() / max((visible | aimed).sum(), 1))
@@ -100,7 +99,7 @@ def _may_be_before(near: Passing, outline: Floats, at: NDArray[np.bool_]) -> boo
     """Whether what was met is wider than the column, and was seen from one side alone. `outline` (2, 2) are the lowest
     and the highest x, y of the shifted body."""
     places = near.rays.at(near.rays.measured)[:, :2]
-    close = np.all((places > outline[0] - BEHIND) & (places < outline[1] + BEHIND), axis=1)
+    close = np.all((places > outline[0] - SENSOR.apart) & (places < outline[1] + SENSOR.apart), axis=1)
     clutter = np.sum(near.within & close & ~at)
     from_sensor = near.rays.direction[at]
     wider = clutter > _WIDER * (clutter + at.sum())
@@ -113,7 +112,7 @@ def _fit(near: Passing, body: TriangleScene) -> tuple[Floats, float, Floats]:
     shift, stands, spread = _best(near, body, _grid(*furthest), _BLURRED)
     spread = np.zeros((2, 2))
     for own in finer:
-        shift, stands, found = _best(near, body, shift + _grid(*own), RANGE_NOISE)
+        shift, stands, found = _best(near, body, shift + _grid(*own), SENSOR.range_noise)
         spread = max(spread, found, key=np.trace)
     return shift, stands, spread
 

@@ -11,23 +11,18 @@ from sgslam.as_built.elements.rays import View
 from sgslam.as_built.elements.sightings import CELL
 from sgslam.as_built.elements.tolerance_classes import SURE_SIGMAS
 from sgslam.as_built.elements.turns import PoseNoise
-from sgslam.config.sensor import RANGE_NOISE
+from sgslam.config.sensor import CARRIER, SENSOR
 
 Floats = NDArray[np.float64]
 LEAST_VIEWS, LEAST_CELLS = 3, 6  # keyframes, and cells of 0.25 m, that say anything of an element
 REACH = 0.4  # m, largest offset that is looked for; beyond it stands another thing
-BEHIND = 0.15  # m behind a surface, from which on a ray went through it
 BEFORE, THROUGH, SPREAD = 0.2, 0.03, 0.05  # of the sightings of a surface: things before it, gaps in it, outliers
-GLASS = 0.3  # share of glass in walls whose windows are not known
 DEPTH = 5.0  # m over which what is met elsewhere than at a surface is spread
 UNDECIDED = 0.16  # probability of the unlikelier of two verdicts, one standard deviation from the limit
 SURE = float(np.log(100.0))  # log-likelihood of the evidence by which one hypothesis must lead
-EDGE = 0.05  # m, how exactly the edge of a body is seen: rays within it of an edge tell nothing
-# m, standard deviation of the sensor's place while a scan is taken: a tenth of a second at walking pace
-SWEEP = 0.025
 
 
-def bell(x: Floats, sigma: float = RANGE_NOISE) -> Floats:
+def bell(x: Floats, sigma: float = SENSOR.range_noise) -> Floats:
     """The density (1/m) of a Gaussian error of `x` metres."""
     return np.asarray(np.exp(-0.5 * (x / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi)))
 
@@ -42,7 +37,7 @@ def crossing_blur(
     """
     position = np.array([np.linalg.norm(own.sigma * along) for own in views])[view]
     heading = np.nan_to_num([own.sigma_heading for own in views], posinf=0.0)[view]
-    beyond = SWEEP * np.clip(1 - crossed / np.maximum(measured, 1e-6), 0.0, 1.0)
+    beyond = CARRIER.sweep * np.clip(1 - crossed / np.maximum(measured, 1e-6), 0.0, 1.0)
     return np.asarray(np.sqrt(position**2 + (heading * crossed) ** 2 + beyond**2))
 
 

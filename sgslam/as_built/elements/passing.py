@@ -9,7 +9,7 @@ from data.geometry.raycast import TriangleScene
 from data.plans.bodies import PlannedElement
 from sgslam.as_built.elements.likelihoods import BEFORE, DEPTH, REACH, SPREAD, THROUGH, bell
 from sgslam.as_built.elements.rays import Rays
-from sgslam.config.sensor import FURTHEST, RANGE_NOISE
+from sgslam.config.sensor import SENSOR
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -37,7 +37,7 @@ class Passing:
     def within(self) -> Flags:
         """Which end in the disc, and not at what else is planned."""
         ends = (self.rays.measured > self.enters) & (self.rays.measured < self.leaves)
-        return ends & (np.abs(self.rays.measured - self.others) > 3 * RANGE_NOISE)
+        return ends & (np.abs(self.rays.measured - self.others) > 3 * SENSOR.range_noise)
 
     def ranges(self, body: TriangleScene, shifts: Floats) -> Floats:
         """(S, N) at which the rays meet the body at each of the shifts (S, 3); inf where they miss it."""
@@ -79,7 +79,7 @@ def passing(index: int, solids: list[PlannedElement], rays: Rays) -> Passing:
     low, high = corners.min(axis=0), corners.max(axis=0)
     middle = (low + high) / 2
     radius = float(np.linalg.norm((high - low)[:2])) / 2 + REACH + _AROUND
-    rays = rays[np.linalg.norm((rays.origin - middle)[:, :2], axis=1) < FURTHEST]
+    rays = rays[np.linalg.norm((rays.origin - middle)[:, :2], axis=1) < SENSOR.furthest]
     level = np.linalg.norm(rays.direction[:, :2], axis=1)
     to_middle = np.sum((middle - rays.origin)[:, :2] * rays.direction[:, :2], axis=1) / np.maximum(level, 1e-6)
     aside = np.linalg.norm((middle - rays.origin)[:, :2], axis=1) ** 2 - to_middle**2

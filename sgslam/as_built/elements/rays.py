@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from data.geometry.raycast import TriangleScene
 from data.plans.bodies import PlannedElement
-from sgslam.config.sensor import FURTHEST
+from sgslam.config.sensor import SENSOR
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -104,7 +104,7 @@ class SeenRays:
         sensors = self._sensors[views]
         away = np.linalg.norm(np.maximum(np.maximum(low - sensors, sensors - high), 0.0), axis=1)
         own = np.argsort(away, kind="stable")[:_MOST_VIEWS]
-        found = [self._passing(int(k), low, high) for k in np.sort(views[own[away[own] < FURTHEST]])]
+        found = [self._passing(int(k), low, high) for k in np.sort(views[own[away[own] < SENSOR.furthest]])]
         nothing = np.empty(0, np.int64)
         empty = Rays(nothing, np.empty((0, 3)), np.empty((0, 3)), np.empty(0), np.empty(0), nothing)
         return Rays(*(np.concatenate([getattr(part, own.name) for part in (empty, *found)]) for own in fields(Rays)))

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.as_built.elements.rays import SeenRays
-from sgslam.config.sensor import FURTHEST, LEAST_COSINE
+from sgslam.config.sensor import SENSOR
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -40,13 +40,13 @@ def sightings(seen: SeenRays) -> Sightings:
 def _of_view(seen: SeenRays, number: int) -> Floats:
     """(M, 9) element, view, offset, normal and cell."""
     rays, measured, planned, face = seen.of_view(number)
-    met = (face >= 0) & (planned < FURTHEST)
+    met = (face >= 0) & (planned < SENSOR.furthest)
     rays, measured, planned, face = rays[met], measured[met], planned[met], face[met]
     normal = seen.normal[face]
     cosine = -np.sum(normal * rays, axis=1)
     normal = np.where(cosine[:, None] < 0, -normal, normal)
     cosine = np.abs(cosine)
-    good = cosine > LEAST_COSINE
+    good = cosine > SENSOR.least_cosine
     rays, normal, face = rays[good], normal[good], face[good]
     offset = (planned[good] - measured[good]) * cosine[good]
     cell = np.floor((seen.views[number].sensor + planned[good, None] * rays) / CELL).astype(np.int64)

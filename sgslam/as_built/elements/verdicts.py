@@ -10,9 +10,7 @@ from sgslam.as_built.elements.columns import column_finding, is_column
 from sgslam.as_built.elements.entries import Finding
 from sgslam.as_built.elements.likelihoods import (
     BEFORE,
-    BEHIND,
     DEPTH,
-    GLASS,
     LEAST_CELLS,
     LEAST_VIEWS,
     REACH,
@@ -27,7 +25,7 @@ from sgslam.as_built.elements.openings import opening_finding
 from sgslam.as_built.elements.rays import SeenRays, View
 from sgslam.as_built.elements.sightings import CELL, Sightings
 from sgslam.as_built.elements.turns import turn_of
-from sgslam.config.sensor import RANGE_NOISE
+from sgslam.config.sensor import BUILDING, SENSOR
 
 Floats = NDArray[np.float64]
 _PARALLEL = 0.99  # cosine between a face and the main axis of its body
@@ -92,9 +90,9 @@ def _solid(
     weight = 1 / counts[cell.ravel()]
     d = _mode(sign * offset, weight)
     before = offset - sign * d  # what was met, before (+) or behind (-) the surface that stands at d
-    at, through = np.abs(before) < 3 * RANGE_NOISE, before < -BEHIND
+    at, through = np.abs(before) < 3 * SENSOR.range_noise, before < -SENSOR.apart
     tells = weight * np.where(through, CELL**2 / element.pane, 1.0) if glazed else weight
-    stands = float(np.sum(tells * _log_standing(before, GLASS if glazed else THROUGH)))
+    stands = float(np.sum(tells * _log_standing(before, BUILDING.glass if glazed else THROUGH)))
     absent = float(np.sum(tells * _log_absent(offset)))
     share = float(np.sum(weight * (at | through)) / np.sum(weight))
     enough = 0.5 * LEAST_CELLS
@@ -104,18 +102,18 @@ def _solid(
         if glazed and np.sum(weight * through) >= np.sum(weight * at):
             return Finding("uncertain", "seen through: it is absent, elsewhere, or of glass", seen=share, views=count)
         return Finding("not seen" if not through.any() else "uncertain", "mostly hidden", seen=share, views=count)
-    scatter = RANGE_NOISE / np.sqrt(max(np.sum(weight * at), 1.0))
+    scatter = SENSOR.range_noise / np.sqrt(max(np.sum(weight * at), 1.0))
     poses = pose_noise([views[k] for k in np.unique(seen.view[mine[at]])], direction)
     sigma = float(np.linalg.norm([scatter, shared, poses.position]))
     places = np.asarray(CELL * (seen.cell[mine[at]] + 0.5), dtype=np.float64)
-    turn = turn_of(places, (sign * offset)[at], weight[at], direction, RANGE_NOISE, poses)
+    turn = turn_of(places, (sign * offset)[at], weight[at], direction, SENSOR.range_noise, poses)
     d = float(np.median((sign * offset)[at]))
     n = (float(direction[0]), float(direction[1]), float(direction[2]))
     verdict, sure = verdict_on_offset(abs(d), sigma, tolerance)
     reason = f"its surface is at {1000 * d:+.0f} mm, as measured {int(at.sum()):,} times"
     if verdict == "uncertain":
         reason = f"{reason}; a sigma of {1000 * sigma:.0f} mm is too large for the tolerance"
-    if verdict == "moved" and abs(d) > BEHIND / 2 and _could_be_furniture(sign[at], d):
+    if verdict == "moved" and abs(d) > SENSOR.apart / 2 and _could_be_furniture(sign[at], d):
         verdict, reason, sure = "uncertain", f"{reason}; in front of it on one side only: it may be furniture", False
     if (verdict == "moved" or not glazed) and np.sum(weight * through) > np.sum(weight * at):
         verdict, reason, sure = "uncertain", f"{reason}; most of it is seen through", False
@@ -134,7 +132,7 @@ def offset_along(seen: Sightings, solid: int, normal: Floats, span: tuple[float,
         return None
     offset = seen.offset[own]
     d = _mode(offset, 1 / counts[cell.ravel()])
-    near = np.abs(offset - d) < 3 * RANGE_NOISE
+    near = np.abs(offset - d) < 3 * SENSOR.range_noise
     return float(np.median(offset[near])) if near.any() else None
 
 
@@ -151,22 +149,22 @@ def _main_axis(triangles: Floats) -> Floats:
 
 def _mode(shift: Floats, weight: Floats) -> float:
     """The shift that most cells agree on."""
-    candidates = np.arange(-REACH, REACH + 1e-9, RANGE_NOISE / 2)
-    near = np.exp(-0.5 * ((shift[None] - candidates[:, None]) / RANGE_NOISE) ** 2)
+    candidates = np.arange(-REACH, REACH + 1e-9, SENSOR.range_noise / 2)
+    near = np.exp(-0.5 * ((shift[None] - candidates[:, None]) / SENSOR.range_noise) ** 2)
     return float(candidates[np.argmax(near @ weight)])
 
 
 def _log_standing(before: Floats, gaps: float) -> Floats:
     """Log-densities (1/m) of what is met, if a surface with a share of `gaps` stands: it, and things on both sides."""
-    at = np.exp(-0.5 * (before / RANGE_NOISE) ** 2) / (RANGE_NOISE * np.sqrt(2 * np.pi))
+    at = np.exp(-0.5 * (before / SENSOR.range_noise) ** 2) / (SENSOR.range_noise * np.sqrt(2 * np.pi))
     else_ = np.where(before > 0, BEFORE, gaps) / DEPTH
     return np.asarray(np.log((1 - BEFORE - gaps) * at + else_))
 
 
 def _log_absent(offset: Floats) -> Floats:
     """Log-densities (1/m), if nothing stands there: mostly what is behind, as much before it as if it stood."""
-    elsewhere = np.where(offset > 3 * RANGE_NOISE, BEFORE, SPREAD)
-    return np.asarray(np.log(np.where(offset < -BEHIND, 1 - BEFORE - SPREAD, elsewhere) / DEPTH))
+    elsewhere = np.where(offset > 3 * SENSOR.range_noise, BEFORE, SPREAD)
+    return np.asarray(np.log(np.where(offset < -SENSOR.apart, 1 - BEFORE - SPREAD, elsewhere) / DEPTH))
 
 
 def _could_be_furniture(sign: Floats, d: float) -> bool:

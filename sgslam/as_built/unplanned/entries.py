@@ -17,17 +17,10 @@ from sgslam.as_built.elements.rays import SeenRays
 from sgslam.as_built.unplanned.stretches import Stretch, is_seen_through, stretches_of
 from sgslam.as_built.unplanned.unexplained import GRID
 from sgslam.as_built.unplanned.wall_faces import is_two_sided, one_wall_each
+from sgslam.config.sensor import BUILDING
 
 Floats = NDArray[np.float64]
 Likeness = Literal["wall-like", "furniture-like"]
-_HIGH = 2.0  # m above the floor; cupboards end below
-_SCREEN = 1.3  # m above the floor; what is lower is no wall, however thin, and what begins above it hangs
-_SHORTEST_WALL = 0.75  # m
-_LONG = 1.5  # m, of a wall whose upper part was not in view
-_THIN = 0.25  # m, from face to face of a wall; low things that are thicker are furniture
-_LONGEST_LEAF, _TALLEST_LEAF, _HINGE = 1.3, 2.4, 1.0  # m: of a door, and from the middle of its opening
-_CUPBOARD = 0.8  # m, deepest thing that stands before a wall
-_LARGE = 0.3  # m, least extent of a thing that is listed
 _LEAST_CELLS = 8  # of a thing that is listed
 _BEFORE = 0.3  # m in front of a wall, where the room is that it is seen from
 
@@ -88,19 +81,23 @@ def _is_wall(
     """Whether the stretches of one thing are long and tall enough, and not the front of a cupboard or a door's leaf."""
     low, top = min(own.height[0] for own in wall) - bottom, max(own.height[1] for own in wall) - bottom
     along, across = _extent(wall)
-    if along < _SHORTEST_WALL or low > _SCREEN or (top < _TALLEST_LEAF and _is_leaf(wall, along, doors)):
+    if along < BUILDING.shortest_wall or low > BUILDING.screen:
         return False
-    if is_two_sided(wall) and across < _THIN:
-        return top > _SCREEN
-    tall = top > _HIGH or (along > _LONG and not any(is_seen_through(own, rays, _HIGH - top) for own in wall))
-    return top > _SCREEN and tall and not any(_stands_before(stretch, planned) for stretch in wall)
+    if top < BUILDING.tallest_leaf and _is_leaf(wall, along, doors):
+        return False
+    if is_two_sided(wall) and across < BUILDING.thin_wall:
+        return top > BUILDING.screen
+    if top <= BUILDING.screen or any(_stands_before(stretch, planned) for stretch in wall):
+        return False
+    unseen = BUILDING.cupboard - top
+    return unseen < 0 or (along > BUILDING.long_wall and not any(is_seen_through(own, rays, unseen) for own in wall))
 
 
 def _is_leaf(wall: Sequence[Stretch], along: float, doors: Floats) -> bool:
     """Whether a thing of this length (m) ends at the hinge of one of the doors with these middles (K, 2)."""
     ends = np.concatenate([[stretch.first, stretch.last] for stretch in wall])
     away = np.linalg.norm(ends[:, None] - doors, axis=2)
-    return bool(along < _LONGEST_LEAF and (away < _HINGE).any())
+    return bool(along < BUILDING.longest_leaf and (away < BUILDING.hinge).any())
 
 
 def _stands_before(stretch: Stretch, planned: Sequence[WallSurface]) -> bool:
@@ -109,7 +106,7 @@ def _stands_before(stretch: Stretch, planned: Sequence[WallSurface]) -> bool:
     covered: Intervals = []
     for wall in planned:
         away, half = np.array(wall.centroid) - middle, 0.5 * (wall.length or 0.0)
-        if wall.normal @ stretch.normal > 0.95 and -_CUPBOARD < float(away @ stretch.normal) < 0:
+        if wall.normal @ stretch.normal > 0.95 and -BUILDING.cupboard_depth < float(away @ stretch.normal) < 0:
             along = float(away @ tangent)
             covered.append((along - half, along + half))
     own = common([(-stretch.length / 2, stretch.length / 2)], united(covered))
@@ -148,7 +145,7 @@ def _things(cells: Floats, plan: SceneGraph) -> Iterator[UnplannedEntry]:
     order = np.argsort(cluster, kind="stable")
     levels = sorted((floor.elevation, floor.id) for floor in plan.floors if floor.elevation is not None)
     for own in np.split(cells[order], np.flatnonzero(np.diff(cluster[order])) + 1):
-        if len(own) < _LEAST_CELLS or np.ptp(own, axis=0).max() < _LARGE:
+        if len(own) < _LEAST_CELLS or np.ptp(own, axis=0).max() < BUILDING.least_thing:
             continue
         middle = own.mean(axis=0)
         storey = next((key for z, key in reversed(levels) if z < own[:, 2].max()), None)

@@ -6,13 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.scene_graph import WallSurface
-from sgslam.as_built.elements.likelihoods import BEHIND
 from sgslam.as_built.elements.rays import SeenRays
 from sgslam.as_built.unplanned.unexplained import GRID
+from sgslam.config.sensor import BUILDING, SENSOR
 
 Floats = NDArray[np.float64]
 _GAP = 0.35  # m along a surface without a return, which does not end a stretch
-_SHORTEST = 0.3  # m
 _LEVELS = 2  # cells above each other that show an upright thing
 
 
@@ -60,7 +59,7 @@ def stretches_of(surface: WallSurface, T_bim_map: Floats, floor_z: float, cells:
     along = away @ tangent
     length = float(np.linalg.norm(first - last))
     low, high = surface.height or (0.0, np.inf)
-    own = (np.abs(away @ n) < BEHIND) & (along > 0) & (along < length)
+    own = (np.abs(away @ n) < SENSOR.apart) & (along > 0) & (along < length)
     own &= (cells[:, 2] > bottom + low - GRID) & (cells[:, 2] < bottom + high + GRID)
     along, z = along[own], cells[own, 2]
     place, level = np.floor(along / GRID).astype(np.int64), np.floor(z / GRID).astype(np.int64)
@@ -72,7 +71,7 @@ def stretches_of(surface: WallSurface, T_bim_map: Floats, floor_z: float, cells:
     found = []
     for run in runs:
         begin, end = GRID * run[0], GRID * (run[-1] + 1)
-        if end - begin >= _SHORTEST:
+        if end - begin >= BUILDING.least_thing:
             heights = z[(along >= begin) & (along <= end)]
             found.append(Stretch(
                 surface.id, surface.floor or "", last + end * tangent, last + begin * tangent, n,
@@ -95,5 +94,5 @@ def is_seen_through(stretch: Stretch, rays: SeenRays, above: float = 0.0) -> boo
     within = (along > GRID) & (along < stretch.length - GRID) & (crossed[:, 2] > low) & (crossed[:, 2] < high)
     within &= ranges > 0
     depth = ((near.measured - ranges) * np.abs(cosine))[within]
-    at, through = np.abs(depth) < BEHIND, depth > 2 * BEHIND
+    at, through = np.abs(depth) < SENSOR.apart, depth > 2 * SENSOR.apart
     return bool(through.sum() > at.sum())

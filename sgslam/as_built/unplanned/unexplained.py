@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from data.geometry.raycast import TriangleScene
 from data.plans.bodies import PlannedElement
 from sgslam.as_built.elements import Finding
-from sgslam.as_built.elements.likelihoods import BEHIND, LEAST_VIEWS, REACH
+from sgslam.as_built.elements.likelihoods import LEAST_VIEWS, REACH
 from sgslam.as_built.elements.rays import SeenRays
-from sgslam.config.sensor import FURTHEST
+from sgslam.config.sensor import SENSOR
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -42,7 +42,7 @@ def unexplained(
     near = np.zeros(len(middles), dtype=bool)
     for direction in directions:
         left = np.flatnonzero(~near)
-        near[left] = scene.distances(middles[left], np.tile(direction, (len(left), 1))) < BEHIND
+        near[left] = scene.distances(middles[left], np.tile(direction, (len(left), 1))) < SENSOR.apart
     return middles[~near]
 
 
@@ -53,7 +53,7 @@ def _off_plan(rays: SeenRays, number: int, origin: Floats) -> Ints:
     met = face >= 0
     cosine[met] = np.abs(np.sum(rays.normal[face[met]] * direction[met], axis=1))
     off = np.where(met, np.abs(planned - measured) * cosine, np.inf) > GRID
-    kept = off & (measured < FURTHEST)
+    kept = off & (measured < SENSOR.furthest)
     cell = np.floor((rays.views[number].sensor - origin + measured[kept, None] * direction[kept]) / GRID).astype(
         np.int64
     )

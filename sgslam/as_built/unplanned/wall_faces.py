@@ -6,10 +6,9 @@ import numpy as np
 
 from sgslam.as_built.unplanned.stretches import Stretch
 from sgslam.as_built.unplanned.unexplained import GRID
+from sgslam.config.sensor import BUILDING
 
 _PARALLEL = 0.1  # rad between the faces of one wall
-_THICK = 0.45  # m between both faces of a wall
-_GAP = 1.2  # m along, between pieces of one face; a door is narrower
 
 
 def one_wall_each(stretches: Sequence[Stretch]) -> list[list[Stretch]]:
@@ -39,5 +38,5 @@ def _same_wall(a: Stretch, b: Stretch) -> bool:
     gap = max(one[0], other[0]) - min(one[1], other[1])
     across = float(((b.first + b.last) - (a.first + a.last)) @ n) / 2
     if facing > 0:
-        return bool(abs(across) < GRID and gap < _GAP)
-    return bool(-_THICK < across < GRID and gap < -GRID)
+        return bool(abs(across) < GRID and gap < BUILDING.widest_door)
+    return bool(-BUILDING.thickest_wall < across < GRID and gap < -GRID)

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.as_built.elements.likelihoods import EDGE, REACH, crossing_blur
+from sgslam.as_built.elements.likelihoods import REACH, crossing_blur
 from sgslam.as_built.elements.openings.jambs import Crossings
 from sgslam.as_built.elements.openings.reveals import Reveal
 from sgslam.as_built.elements.rays import Rays, View
 from sgslam.as_built.elements.sightings import CELL
-from sgslam.config.sensor import FURTHEST, LEAST_COSINE, RANGE_NOISE
+from sgslam.config.sensor import SENSOR
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -38,11 +38,11 @@ class CrossedWall:
     @property
     def within(self) -> Flags:
         """Which cross the face in the planned opening."""
-        return (self.near > EDGE) & (self.near < self.width - EDGE)
+        return (self.near > SENSOR.edge) & (self.near < self.width - SENSOR.edge)
 
     def beside(self, along: float) -> Flags:
         """Which cross the face well beside the opening, displaced by so many metres."""
-        return (self.near < along - EDGE) | (self.near > self.width + along + EDGE)
+        return (self.near < along - SENSOR.edge) | (self.near > self.width + along + SENSOR.edge)
 
     def crossings(self, jamb: int) -> Crossings:
         """The rays in the half of the planned opening, and beside it, that tell of its `start` (0) or its end (1)."""
@@ -75,7 +75,7 @@ def _side(
         _level(reveal, up)
         & _close(reveal, u, REACH)
         & (in_opening | towards.on_face(host))
-        & (depth > -3 * RANGE_NOISE)
+        & (depth > -3 * SENSOR.range_noise)
     )
     chosen = np.flatnonzero(kept)
     chosen, weight = _thinned(chosen, towards.rays.view[chosen], u[chosen])
@@ -85,7 +85,7 @@ def _side(
     return CrossedWall(
         face, rays.view, u, u + slope[chosen] @ reveal.along, reveal.width, depth,
         crossing_blur(views, rays.view, reveal.along, near, rays.measured), weight, cell,
-        depth > reveal.depth + 2 * RANGE_NOISE,
+        depth > reveal.depth + 2 * SENSOR.range_noise,
     )  # fmt: skip
 
 
@@ -102,7 +102,7 @@ class _Towards:
         sign = 1.0 if face == 0 else -1.0
         cosine = sign * (rays.direction @ reveal.across)
         before = sign * (reveal.faces[face] - rays.origin @ reveal.across)
-        good = (cosine > LEAST_COSINE) & (before > 0) & (before < FURTHEST * cosine)
+        good = (cosine > SENSOR.least_cosine) & (before > 0) & (before < SENSOR.furthest * cosine)
         return _Towards(rays[good], cosine[good], before[good])
 
     def crossed(self, reveal: Reveal, offset: float) -> tuple[Floats, Floats, Floats]:
@@ -114,11 +114,11 @@ class _Towards:
 
     def on_face(self, host: int) -> Flags:
         """Which the plan lets end at the face."""
-        return (self.rays.owner == host) & (np.abs(self.rays.planned * self.cosine - self.before) < RANGE_NOISE)
+        return (self.rays.owner == host) & (np.abs(self.rays.planned * self.cosine - self.before) < SENSOR.range_noise)
 
 
 def _level(reveal: Reveal, z: Floats) -> Flags:
-    return (z > reveal.bottom + EDGE) & (z < reveal.top - EDGE)
+    return (z > reveal.bottom + SENSOR.edge) & (z < reveal.top - SENSOR.edge)
 
 
 def _close(reveal: Reveal, u: Floats, beside: float) -> Flags:
@@ -127,7 +127,7 @@ def _close(reveal: Reveal, u: Floats, beside: float) -> Flags:
 
 def _thinned(chosen: NDArray[np.int64], view: NDArray[np.int64], u: Floats) -> tuple[NDArray[np.int64], Floats]:
     """At most _MOST rays of each keyframe and bin along the wall, and their weights, which sum up to one in it."""
-    _, group = np.unique(np.column_stack([view, np.floor(u / EDGE)]), axis=0, return_inverse=True)
+    _, group = np.unique(np.column_stack([view, np.floor(u / SENSOR.edge)]), axis=0, return_inverse=True)
     group = group.ravel()
     order = np.argsort(group, kind="stable")
     begins = np.searchsorted(group[order], np.arange(group.max(initial=-1) + 1))
@@ -140,10 +140,10 @@ def _thinned(chosen: NDArray[np.int64], view: NDArray[np.int64], u: Floats) -> t
 
 def _offset(depth: Floats, expected: float | None) -> float:
     """Metres by which the face lies behind its plan: where most is met beside the opening, near what is expected."""
-    near, far = (-REACH, REACH) if expected is None else (expected - EDGE, expected + EDGE)
-    depth = depth[(depth > near - RANGE_NOISE) & (depth < far + RANGE_NOISE)]
+    near, far = (-REACH, REACH) if expected is None else (expected - SENSOR.edge, expected + SENSOR.edge)
+    depth = depth[(depth > near - SENSOR.range_noise) & (depth < far + SENSOR.range_noise)]
     if not len(depth):
         return 0.0 if expected is None else expected
-    tries = np.arange(near, far, RANGE_NOISE / 2)
-    most = tries[np.argmax(np.exp(-0.5 * ((depth - tries[:, None]) / RANGE_NOISE) ** 2).sum(axis=1))]
-    return float(np.median(depth[np.abs(depth - most) < 2 * RANGE_NOISE]))
+    tries = np.arange(near, far, SENSOR.range_noise / 2)
+    most = tries[np.argmax(np.exp(-0.5 * ((depth - tries[:, None]) / SENSOR.range_noise) ** 2).sum(axis=1))]
+    return float(np.median(depth[np.abs(depth - most) < 2 * SENSOR.range_noise]))

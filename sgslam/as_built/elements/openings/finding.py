@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from data.plans.bodies import PlannedElement
 from sgslam.as_built.elements.entries import Finding
 from sgslam.as_built.elements.likelihoods import (
-    EDGE,
     LEAST_CELLS,
     LEAST_VIEWS,
     SURE,
@@ -26,7 +25,7 @@ from sgslam.as_built.elements.openings.jambs import PLACES, Inside, displacement
 from sgslam.as_built.elements.openings.reveals import Reveal, reveal_of
 from sgslam.as_built.elements.rays import Rays, View
 from sgslam.as_built.elements.sightings import CELL
-from sgslam.config.sensor import RANGE_NOISE
+from sgslam.config.sensor import SENSOR
 
 Floats = NDArray[np.float64]
 _SET_BACK = 0.03  # m behind the wall's face, from which on a leaf or pane is distinct from a wall that goes on
@@ -74,7 +73,7 @@ def opening_finding(
     if _wall_is_absent(sides, fit.along):
         return Finding("uncertain", "rays pass beside it too: its edges are not seen", seen=share, views=count)
     state = "rays pass" if _open(sides) else "it is closed by a leaf or a pane"
-    if fit.sigma > EDGE:
+    if fit.sigma > SENSOR.edge:
         return Finding("as planned", f"{state}; its edges are not seen", seen=share, views=count)
     poses = pose_noise([views[int(k)] for k in seen_by], reveal.along)
     sigma = float(np.linalg.norm([fit.sigma, shared, poses.position]))
@@ -131,7 +130,7 @@ def _profiles(sides: list[CrossedWall], reveal: Reveal, flush: int | None) -> tu
 def _inside(side: CrossedWall, reveal: Reveal) -> Inside:
     """What rays from a side met that passed its face in the planned opening."""
     depth = side.depth[side.within & (side.depth > _SET_BACK)]
-    beyond = depth > reveal.depth + 2 * RANGE_NOISE
+    beyond = depth > reveal.depth + 2 * SENSOR.range_noise
     through = float(np.clip((1 + beyond.sum()) / (2 + len(depth)), 0.05, 0.95))
     return Inside(reveal.depth, through, _densest(depth[~beyond]))
 
@@ -140,8 +139,8 @@ def _densest(depth: Floats) -> float | None:
     """The depth about which most others lie."""
     if not len(depth):
         return None
-    tries = np.arange(depth.min(), depth.max() + RANGE_NOISE, RANGE_NOISE / 2)
-    return float(tries[np.argmax(np.exp(-0.5 * ((depth - tries[:, None]) / RANGE_NOISE) ** 2).sum(axis=1))])
+    tries = np.arange(depth.min(), depth.max() + SENSOR.range_noise, SENSOR.range_noise / 2)
+    return float(tries[np.argmax(np.exp(-0.5 * ((depth - tries[:, None]) / SENSOR.range_noise) ** 2).sum(axis=1))])
 
 
 def _open(sides: list[CrossedWall]) -> bool:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from sgslam.as_built.elements.likelihoods import DEPTH, REACH, SPREAD, THROUGH, bell
-from sgslam.config.sensor import RANGE_NOISE
+from sgslam.config.sensor import SENSOR
 
 Floats = NDArray[np.float64]
 STEP = 0.005  # m, between the places of a jamb that are tried
@@ -78,7 +78,7 @@ def unbroken(rays: Crossings) -> float:
 
 def wall_density(depth: Floats) -> Floats:
     """Of what is met where the wall stands (1/m)."""
-    return np.asarray((1 - THROUGH - SPREAD) * bell(depth, RANGE_NOISE) + (THROUGH + SPREAD) / DEPTH)
+    return np.asarray((1 - THROUGH - SPREAD) * bell(depth, SENSOR.range_noise) + (THROUGH + SPREAD) / DEPTH)
 
 
 def displacements(left: Floats, right: Floats) -> tuple[Floats, Floats]:

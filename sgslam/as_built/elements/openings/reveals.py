@@ -6,12 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.plans.bodies import PlannedElement
-from sgslam.as_built.elements.likelihoods import EDGE
 from sgslam.as_built.elements.turns import UPRIGHT
+from sgslam.config.sensor import BUILDING, SENSOR
 
 Floats = NDArray[np.float64]
 _AROUND = 0.5  # m around an opening, where its wall's faces count
-_LEAST_DEPTH = 0.03  # m, of a wall
 _PARALLEL = 0.98  # cosine of the angle between faces that count as parallel
 
 
@@ -56,8 +55,8 @@ def reveal_of(opening: PlannedElement, wall: PlannedElement) -> Reveal | None:
     along = np.array([-across[1], across[0], 0.0])
     places = faces[np.abs(normals @ across) > _PARALLEL].mean(axis=1) @ across
     cut = body @ across
-    places = places[(places > cut.min() - EDGE) & (places < cut.max() + EDGE)]
-    if not len(places) or np.ptp(places) < _LEAST_DEPTH:
+    places = places[(places > cut.min() - SENSOR.edge) & (places < cut.max() + SENSOR.edge)]
+    if not len(places) or np.ptp(places) < BUILDING.thinnest_wall:
         return None
     ends = float(places.min()), float(places.max())
     u, z = body @ along, body[:, 2]
