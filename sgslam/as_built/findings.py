@@ -43,13 +43,13 @@ def unplanned_findings(unplanned: Sequence[Entry], a_graph: SceneGraph) -> list[
     from data.ifc.deviations import UnplannedWall
 
     storeys = {floor.name or floor.id: floor.id for floor in a_graph.floors}
-    return [
-        UnplannedWall(
-            wall["id"], tuple(wall["trace"][0]), tuple(wall["trace"][1]), wall["height_m"][0], wall["height_m"][1],
-            storey=storeys.get(wall["storey"]), reason=wall["reason"],
-        )
-        for wall in unplanned if wall["kind"] == "wall-like"
-    ]  # fmt: skip
+    found = []
+    for wall in unplanned:
+        if wall["kind"] == "wall-like":
+            (first, last), (low, high) = map(tuple, wall["trace"]), wall["height_m"]
+            where = {"storey": storeys.get(wall["storey"]), "reason": wall["reason"]}
+            found.append(UnplannedWall(wall["id"], first, last, low, high, **where))
+    return found
 
 
 def write_topics(
@@ -87,10 +87,8 @@ def _of_element(own: Entry, a_graph: SceneGraph) -> Topic:
     z = (floors.get(own["storey"]) or 0.0) + CARRIER.eye
     if own["direction"] is not None and np.hypot(*own["direction"][:2]) > 0:
         across = np.array(own["direction"][:2]) * np.sign(own["offset_m"] or 1.0)
-    return Topic(
-        title, "; ".join(said), verdict, (own["global_id"],), _COLORS[verdict], ((*first, z), (*last, z)),
-        (float(across[0]), float(across[1])),
-    )  # fmt: skip
+    ends, facing = ((*first, z), (*last, z)), (float(across[0]), float(across[1]))
+    return Topic(title, "; ".join(said), verdict, (own["global_id"],), _COLORS[verdict], ends, facing)
 
 
 def _middle_line(outline: Floats) -> tuple[tuple[float, float], tuple[float, float], Floats]:

@@ -19,8 +19,21 @@ many from a YAML file, and `sgslam dump-config` writes such a file. Every run sa
 Unknown names and invalid values are reported before the run starts. Lengths are in metres, times in seconds, angles in
 radians unless another unit is named.
 """
-_UNITS = ("rad/s/sqrt(Hz)", "rad/s/sqrt(s)", "m/s2/sqrt(s)", "m/s2", "m2", "m/s", "rad/s", "m and rad", "m or rad", "m",
-          "rad", "s", "degrees")  # fmt: skip
+_UNITS = (
+    "rad/s/sqrt(Hz)",
+    "rad/s/sqrt(s)",
+    "m/s2/sqrt(s)",
+    "m/s2",
+    "m2",
+    "m/s",
+    "rad/s",
+    "m and rad",
+    "m or rad",
+    "m",
+    "rad",
+    "s",
+    "degrees",
+)
 _UNIT = re.compile(rf"({'|'.join(map(re.escape, _UNITS))})(?=$|[,; ])[,;]? ?")
 
 

@@ -95,9 +95,17 @@ class ContinuousTimeOdometry:
         # all by seconds after the stamp
         motion = Motion(scan.knot_seconds - began, found.knots)
         return Registration(
-            pose_at(motion, 0.0), found.covariance, found.health, found.share, motion, point_times, found.unconstrained,
-            None if unsteady is None else unsteady.later(-began), is_after_pause, scan.later(-began),
-        )  # fmt: skip
+            pose_at(motion, 0.0),
+            found.covariance,
+            found.health,
+            found.share,
+            motion,
+            point_times,
+            found.unconstrained,
+            None if unsteady is None else unsteady.later(-began),
+            is_after_pause,
+            scan.later(-began),
+        )
 
     def _go_on(self, **changes: Any) -> None:
         self._course = replace(self._course, **changes)
@@ -160,12 +168,22 @@ class ContinuousTimeOdometry:
         at = predicted(course, scans, self._model.up, self._imu, self._given)
         prior = self._model.expected(course.beliefs[-len(scans)], at.seconds, course.height, at.changes)
         window = Window(
-            np.concatenate([scan.points for scan in scans]), np.concatenate([scan.seconds for scan in scans]),
-            np.concatenate([scan.plane_of for scan in scans]), np.cumsum([0, *(len(scan.points) for scan in scans)]),
-            np.array(at.firsts), np.array([len(scan.knot_seconds) for scan in scans]), at.seconds,
-            prior, self._model.prior, at.turns, at.changes, at.steps, self._map.arrays, self._oldest,
+            np.concatenate([scan.points for scan in scans]),
+            np.concatenate([scan.seconds for scan in scans]),
+            np.concatenate([scan.plane_of for scan in scans]),
+            np.cumsum([0, *(len(scan.points) for scan in scans)]),
+            np.array(at.firsts),
+            np.array([len(scan.knot_seconds) for scan in scans]),
+            at.seconds,
+            prior,
+            self._model.prior,
+            at.turns,
+            at.changes,
+            at.steps,
+            self._map.arrays,
+            self._oldest,
             Weights.of(settings),
-        )  # fmt: skip
+        )
 
         def attempt(guess: Guess, kernel: float, iterations: int, every: int) -> Solved:
             return solve(window, np.stack([*at.known, *guess]), kernel, iterations, every)

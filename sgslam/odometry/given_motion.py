@@ -83,8 +83,11 @@ class GivenMotion(Stateful):
             turn, metres = seconds * np.linalg.norm(self._step.reshape(2, 3), axis=1)
             _log.warning(
                 "the given poses have a step of %.2f m and %.0f degrees at %.3f s, an outlier; such steps are ignored "
-                "(reported once)", metres, np.degrees(turn), stamp_ns / NS,
-            )  # fmt: skip
+                "(reported once)",
+                metres,
+                np.degrees(turn),
+                stamp_ns / NS,
+            )
             self._warned = True
 
     def newest(self, point_times: Floats | None) -> Registration:

@@ -46,9 +46,12 @@ class KissOdometry:
         """See `Odometry.state`."""
         kiss = self._kiss
         return {
-            "map_points": kiss.local_map.point_cloud().reshape(-1, 3), "ended_ns": self._ended_ns,
-            "pose": kiss.last_pose, "step": kiss.last_delta, "threshold": [self._threshold.sum, self._threshold.count],
-        }  # fmt: skip
+            "map_points": kiss.local_map.point_cloud().reshape(-1, 3),
+            "ended_ns": self._ended_ns,
+            "pose": kiss.last_pose,
+            "step": kiss.last_delta,
+            "threshold": [self._threshold.sum, self._threshold.count],
+        }
 
     def restore(self, state: State) -> None:
         """See `Odometry.restore`."""

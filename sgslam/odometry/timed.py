@@ -166,11 +166,17 @@ class TimedOdometry:
     def state(self) -> dict[str, Any]:
         """See `ContinuousTimeOdometry.state`."""
         return {
-            "odometries": {kind: odometry.state() for kind, odometry in self._odometries.items()}, "best": self._best,
-            "evidence": self._evidence, "without_order": self._without_order, "last": dict(self._last),
-            "last_ns": self._last_ns, "duration_s": self._duration_s, "rule": self._rule,
-            "shift": self._shift, "held": self._held,
-        }  # fmt: skip
+            "odometries": {kind: odometry.state() for kind, odometry in self._odometries.items()},
+            "best": self._best,
+            "evidence": self._evidence,
+            "without_order": self._without_order,
+            "last": dict(self._last),
+            "last_ns": self._last_ns,
+            "duration_s": self._duration_s,
+            "rule": self._rule,
+            "shift": self._shift,
+            "held": self._held,
+        }
 
     def restore(self, state: State) -> None:
         """See `ContinuousTimeOdometry.restore`."""

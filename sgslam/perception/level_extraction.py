@@ -30,9 +30,7 @@ class LevelObservation:
     sigma_offset: float
 
 
-def extract_levels(
-    means: Floats, normals: Floats, counts: Floats, T_odom_sensor: Floats
-) -> list[LevelObservation]:  # fmt: skip
+def extract_levels(means: Floats, normals: Floats, counts: Floats, T_odom_sensor: Floats) -> list[LevelObservation]:
     """Level surfaces among surfels, larger first for each side.
 
     `means` (N, 3) and `normals` (N, 3), to the side seen, are in a frame with z up, `counts` (N,) their points. The
@@ -48,10 +46,13 @@ def extract_levels(
             normal = T_odom_sensor[:3, :3].T @ (up * scale)
             found.append(
                 LevelObservation(
-                    np.array([*normal, -height * scale]), middles_of_cells(seen) @ T_odom_sensor[:3, :3], side > 0,
-                    float(np.sqrt(covariance[[1, 2], [1, 2]].max())), float(np.sqrt(covariance[0, 0])),
+                    np.array([*normal, -height * scale]),
+                    middles_of_cells(seen) @ T_odom_sensor[:3, :3],
+                    side > 0,
+                    float(np.sqrt(covariance[[1, 2], [1, 2]].max())),
+                    float(np.sqrt(covariance[0, 0])),
                 )
-            )  # fmt: skip
+            )
     return found
 
 

@@ -20,9 +20,13 @@ _OUTSIDE = 10.0  # times the extent of a scan: a sensor so far from all that it 
 
 
 def checked_scan(
-    stamp_ns: int, points: NDArray[np.floating[Any]], point_times: ArrayLike | None, T_odom_sensor: ArrayLike | None,
-    step_covariance: ArrayLike | None, newest_ns: int | None,
-) -> RawScan:  # fmt: skip
+    stamp_ns: int,
+    points: NDArray[np.floating[Any]],
+    point_times: ArrayLike | None,
+    T_odom_sensor: ArrayLike | None,
+    step_covariance: ArrayLike | None,
+    newest_ns: int | None,
+) -> RawScan:
     """A scan as float64.
 
     Raises UserError for a stamp that is not an integer or not later than `newest_ns`, for no or non-finite points, for

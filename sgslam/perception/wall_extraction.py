@@ -107,9 +107,15 @@ def fit_wall(points: Floats, first: Floats, last: Floats, settings: SurfaceSetti
 
 @compiled
 def _moments(
-    points: Floats, middle: Floats, tangent: Floats, normal: Floats, half: float,
-    level: float, solution: Floats, tolerance: float,
-) -> tuple[Floats, float, float]:  # fmt: skip
+    points: Floats,
+    middle: Floats,
+    tangent: Floats,
+    normal: Floats,
+    half: float,
+    level: float,
+    solution: Floats,
+    tolerance: float,
+) -> tuple[Floats, float, float]:
     """(4, 4) the second moments of (1, along, up, across) of the points (N, 3) that are within `half` of the middle and
     within the tolerance of the plane across = solution . (1, along, up), up from `level`; the lowest and highest up."""
     moments, row, low, high = np.zeros((4, 4)), np.ones(4), np.inf, -np.inf

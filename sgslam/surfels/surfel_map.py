@@ -115,9 +115,17 @@ def _same_side(sums: Floats, planes: Floats32, s: int, rx: float, ry: float, rz:
 
 @compiled
 def _add(
-    points: Floats, rays: Floats, table: Ints, cells: Ints32, sums: Floats, planes: Floats32, count: int, blocks: int,
-    way: float, memory: float,
-) -> tuple[int, int]:  # fmt: skip
+    points: Floats,
+    rays: Floats,
+    table: Ints,
+    cells: Ints32,
+    sums: Floats,
+    planes: Floats32,
+    count: int,
+    blocks: int,
+    way: float,
+    memory: float,
+) -> tuple[int, int]:
     """Adds points to the sums of their cells and fits their planes; returns the numbers of surfels and of
     blocks."""
     touched, changed = np.empty(len(SIDES) * len(points), np.int64), 0

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from data.plans.bodies import PlannedElement
 from sgslam.as_built.elements.columns import column_finding, is_column
-from sgslam.as_built.elements.entries import Finding
 from sgslam.as_built.elements.likelihoods import (
     BEFORE,
     DEPTH,
@@ -17,62 +16,52 @@ from sgslam.as_built.elements.likelihoods import (
     SPREAD,
     SURE,
     THROUGH,
+    Finding,
+    Limits,
     pose_noise,
     too_little,
+    turn_of,
     verdict_on_offset,
 )
 from sgslam.as_built.elements.openings import opening_finding
-from sgslam.as_built.elements.rays import SeenRays, View
-from sgslam.as_built.elements.sightings import CELL, Sightings
-from sgslam.as_built.elements.turns import turn_of
+from sgslam.as_built.elements.rays import CELL, NORMAL_STEPS, SeenRays, Sightings, View
 from sgslam.config.sensor import BUILDING, SENSOR
 
 Floats = NDArray[np.float64]
 _PARALLEL = 0.99  # cosine between a face and the main axis of its body
-_SAME_AXIS = 0.1  # of unit vectors, by which their components are distinguished
 _LEAST_SHARE = 0.3  # of the sightings of a moved surface: if nearly all are before it, so may be what is taken for it
 
 
 def element_findings(
-    elements: Sequence[PlannedElement], rays: SeenRays, seen: Sightings, tolerance: float, shared: float
+    elements: Sequence[PlannedElement], rays: SeenRays, seen: Sightings, limits: Limits
 ) -> list[Finding]:
     """What was found of each element, in their order, by `rays` that were compared with those that are solid, and what
     they have `seen` of these.
 
-    `tolerance` (m) is the largest offset that counts as planned, `shared` (m) the standard deviation of the error that
-    all sightings of an element share. An element is moved or as planned by its likeliest offset, and `conclusive` where
-    two sigma do not reach the tolerance; where one sigma is larger than the tolerance, the measurement does not tell.
+    An element is moved or as planned by its likeliest offset, and `conclusive` where two sigma do not reach the
+    tolerance; where one sigma is larger than the tolerance, the measurement does not tell.
     """
-    views, solids = rays.views, [element for element in elements if element.kind == "solid"]
+    solids = [element for element in elements if element.kind == "solid"]
     order = np.argsort(seen.element, kind="stable")
     ends = np.searchsorted(seen.element[order], np.arange(len(solids) + 1))
     found: dict[str, Finding] = {}
     for k, element in enumerate(solids):
         if is_column(element):
-            found[element.global_id] = column_finding(
-                k, solids, rays.near(element.triangles, k), views, tolerance, shared
-            )
+            found[element.global_id] = column_finding(k, solids, rays, limits)
         else:
-            mine = order[ends[k] : ends[k + 1]]
-            found[element.global_id] = _solid(element, seen, mine, views, tolerance, shared)
+            found[element.global_id] = _solid(element, seen, order[ends[k] : ends[k + 1]], rays.views, limits)
     index = {element.global_id: k for k, element in enumerate(solids)}
     for opening in (element for element in elements if element.kind == "opening"):
         host = index.get(opening.wall)
         if host is None:
             found[opening.global_id] = Finding("not seen", "the plan has no wall around it")
             continue
-        near, built = rays.near(opening.triangles, host), found[opening.wall]
-        found[opening.global_id] = opening_finding(opening, solids, host, built, near, views, tolerance, shared)
+        found[opening.global_id] = opening_finding(opening, solids, host, found[opening.wall], rays, limits)
     return [found[element.global_id] for element in elements]
 
 
 def _solid(
-    element: PlannedElement,
-    seen: Sightings,
-    mine: NDArray[np.int64],
-    views: Sequence[View],
-    tolerance: float,
-    shared: float,
+    element: PlannedElement, seen: Sightings, mine: NDArray[np.int64], views: Sequence[View], limits: Limits
 ) -> Finding:
     """The likelihoods of the sightings of a body, if it stands at its best offset, and if it is absent.
 
@@ -104,12 +93,12 @@ def _solid(
         return Finding("not seen" if not through.any() else "uncertain", "mostly hidden", seen=share, views=count)
     scatter = SENSOR.range_noise / np.sqrt(max(np.sum(weight * at), 1.0))
     poses = pose_noise([views[k] for k in np.unique(seen.view[mine[at]])], direction)
-    sigma = float(np.linalg.norm([scatter, shared, poses.position]))
+    sigma = float(np.linalg.norm([scatter, limits.shared, poses.position]))
     places = np.asarray(CELL * (seen.cell[mine[at]] + 0.5), dtype=np.float64)
     turn = turn_of(places, (sign * offset)[at], weight[at], direction, SENSOR.range_noise, poses)
     d = float(np.median((sign * offset)[at]))
     n = (float(direction[0]), float(direction[1]), float(direction[2]))
-    verdict, sure = verdict_on_offset(abs(d), sigma, tolerance)
+    verdict, sure = verdict_on_offset(abs(d), sigma, limits.tolerance)
     reason = f"its surface is at {1000 * d:+.0f} mm, as measured {int(at.sum()):,} times"
     if verdict == "uncertain":
         reason = f"{reason}; a sigma of {1000 * sigma:.0f} mm is too large for the tolerance"
@@ -141,9 +130,9 @@ def _main_axis(triangles: Floats) -> Floats:
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2
     area = np.linalg.norm(normal, axis=1)
     axis = normal[area > 0] / area[area > 0, None]
-    leading = np.abs(axis[:, 0]) > _SAME_AXIS, np.abs(axis[:, 1]) > _SAME_AXIS
+    leading = np.abs(axis[:, 0]) > 1 / NORMAL_STEPS, np.abs(axis[:, 1]) > 1 / NORMAL_STEPS
     axis *= np.sign(np.select(leading, (axis[:, 0], axis[:, 1]), axis[:, 2]))[:, None]
-    _, first, group = np.unique(np.rint(axis / _SAME_AXIS), axis=0, return_index=True, return_inverse=True)
+    _, first, group = np.unique(np.rint(NORMAL_STEPS * axis), axis=0, return_index=True, return_inverse=True)
     return np.asarray(axis[first[np.argmax(np.bincount(group.ravel(), area[area > 0]))]])
 
 

@@ -14,9 +14,14 @@ from scipy.spatial import cKDTree
 from data.geometry.intervals import Intervals, common, united
 from data.scene_graph import SceneGraph, WallSurface, Xy
 from sgslam.as_built.elements.rays import SeenRays
-from sgslam.as_built.unplanned.stretches import Stretch, is_seen_through, stretches_of
-from sgslam.as_built.unplanned.unexplained import GRID
-from sgslam.as_built.unplanned.wall_faces import is_two_sided, one_wall_each
+from sgslam.as_built.unplanned.stretches import (
+    GRID,
+    Stretch,
+    is_seen_through,
+    is_two_sided,
+    one_wall_each,
+    stretches_of,
+)
 from sgslam.config.sensor import BUILDING
 
 Floats = NDArray[np.float64]
@@ -49,19 +54,20 @@ class UnplannedEntry:
 
 
 def unplanned_things(
-    cells: Floats, rays: SeenRays, s_graph: SceneGraph, T_bim_map: Floats, storeys: Mapping[str, str | None],
+    cells: Floats,
+    rays: SeenRays,
+    s_graph: SceneGraph,
+    T_bim_map: Floats,
+    storeys: Mapping[str, str | None],
     plan: SceneGraph,
-) -> list[UnplannedEntry]:  # fmt: skip
+) -> list[UnplannedEntry]:
     """What the unexplained `cells` (N, 3) show: walls first. `storeys` are the plan's, by the map's floors."""
     floors = {floor.id: floor.elevation or 0.0 for floor in s_graph.floors}
-    stretches = [
-        stretch for surface in s_graph.wall_surfaces
-        for stretch in stretches_of(surface, T_bim_map, floors.get(surface.floor or "", 0.0), cells)
-        if not is_seen_through(stretch, rays)
-    ]  # fmt: skip
     by_floor: dict[str, list[Stretch]] = {}
-    for stretch in stretches:
-        by_floor.setdefault(stretch.floor, []).append(stretch)
+    for surface in s_graph.wall_surfaces:
+        for stretch in stretches_of(surface, T_bim_map, floors.get(surface.floor or "", 0.0), cells):
+            if not is_seen_through(stretch, rays):
+                by_floor.setdefault(stretch.floor, []).append(stretch)
     found, rest = [], np.ones(len(cells), dtype=bool)
     for floor, own in by_floor.items():
         bottom = float((T_bim_map @ [0.0, 0.0, floors.get(floor, 0.0), 1.0])[2])
@@ -128,11 +134,17 @@ def _wall(wall: Sequence[Stretch], storey: str | None, plan: SceneGraph) -> Unpl
     first, last = (middle + at * tangent for at in (along.max(), along.min()))
     low, high = min(stretch.height[0] for stretch in wall), max(stretch.height[1] for stretch in wall)
     return UnplannedEntry(
-        longest.id, "wall-like", _room((first + last) / 2 + _BEFORE * n, storey, plan), _storey(storey, plan),
-        (_xy(first), _xy(last)), float(np.ptp(along)), (low, high), _xy(n),
+        longest.id,
+        "wall-like",
+        _room((first + last) / 2 + _BEFORE * n, storey, plan),
+        _storey(storey, plan),
+        (_xy(first), _xy(last)),
+        float(np.ptp(along)),
+        (low, high),
+        _xy(n),
         tuple(dict.fromkeys(stretch.id for stretch in wall)),
         f"{np.ptp(along):.1f} m long, seen over {high - low:.1f} m of height{' from both sides' * is_two_sided(wall)}",
-    )  # fmt: skip
+    )
 
 
 def _things(cells: Floats, plan: SceneGraph) -> Iterator[UnplannedEntry]:
@@ -155,10 +167,17 @@ def _things(cells: Floats, plan: SceneGraph) -> Iterator[UnplannedEntry]:
         heights = float(own[:, 2].min()) - GRID / 2, float(own[:, 2].max()) + GRID / 2
         x, y, z = middle.tolist()
         yield UnplannedEntry(
-            f"thing at {x:.1f} {y:.1f} {z:.1f}", "furniture-like", _room(middle[:2], storey, plan),
-            _storey(storey, plan), (ends[0], ends[1]), float(np.ptp(along)), heights, _xy(axes[:, 0]), (),
+            f"thing at {x:.1f} {y:.1f} {z:.1f}",
+            "furniture-like",
+            _room(middle[:2], storey, plan),
+            _storey(storey, plan),
+            (ends[0], ends[1]),
+            float(np.ptp(along)),
+            heights,
+            _xy(axes[:, 0]),
+            (),
             f"{len(own)} cells of {1000 * GRID:.0f} mm that nothing planned explains",
-        )  # fmt: skip
+        )
 
 
 def _storey(key: str | None, plan: SceneGraph) -> str:

@@ -4,27 +4,36 @@ Open or closed, an opening has jambs: outside of them rays end at the wall's fac
 a pane or the reveal. Where the wall goes on instead, they all end at its face.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data.plans.bodies import PlannedElement
-from sgslam.as_built.elements.entries import Finding
+from sgslam.as_built.elements.crossed_walls import (
+    PLACES,
+    CrossedWall,
+    Inside,
+    Reveal,
+    crossed_walls,
+    displacements,
+    jamb_profile,
+    reveal_of,
+    unbroken,
+    widened,
+)
 from sgslam.as_built.elements.likelihoods import (
     LEAST_CELLS,
     LEAST_VIEWS,
     SURE,
+    Finding,
+    Limits,
     pose_noise,
     too_little,
     verdict_on_offset,
 )
-from sgslam.as_built.elements.openings.crossed_walls import CrossedWall, crossed_walls
-from sgslam.as_built.elements.openings.jambs import PLACES, Inside, displacements, jamb_profile, unbroken, widened
-from sgslam.as_built.elements.openings.reveals import Reveal, reveal_of
-from sgslam.as_built.elements.rays import Rays, View
-from sgslam.as_built.elements.sightings import CELL
+from sgslam.as_built.elements.rays import CELL, SeenRays
 from sgslam.config.sensor import SENSOR
 
 Floats = NDArray[np.float64]
@@ -45,15 +54,13 @@ class _Fit:
 
 
 def opening_finding(
-    opening: PlannedElement, solids: list[PlannedElement], host: int, built: Finding, rays: Rays,
-    views: Sequence[View], tolerance: float, shared: float,
-) -> Finding:  # fmt: skip
-    """What the `rays` say of an opening in the solid with the index `host`, which was `built` so. Tolerance and shared
-    error as in `element_verdicts`."""
-    reveal = reveal_of(opening, solids[host])
+    opening: PlannedElement, solids: list[PlannedElement], host: int, built: Finding, seen: SeenRays, limits: Limits
+) -> Finding:
+    """What the rays say of an opening in the solid with the index `host`, which was `built` so."""
+    reveal, views, rays = reveal_of(opening, solids[host]), list(seen.views), seen.near(opening.triangles, host)
     if reveal is None:
         return Finding("not seen", "the plan has no upright wall around it")
-    sides = crossed_walls(reveal, host, _shift(built, reveal), rays, list(views))
+    sides = crossed_walls(reveal, host, _shift(built, reveal), rays, views)
     if not sides:
         return Finding("not seen", "no ray reaches it")
     within = [side.within for side in sides]
@@ -76,8 +83,8 @@ def opening_finding(
     if fit.sigma > SENSOR.edge:
         return Finding("as planned", f"{state}; its edges are not seen", seen=share, views=count)
     poses = pose_noise([views[int(k)] for k in seen_by], reveal.along)
-    sigma = float(np.linalg.norm([fit.sigma, shared, poses.position]))
-    verdict, sure = verdict_on_offset(abs(fit.along), sigma, tolerance)
+    sigma = float(np.linalg.norm([fit.sigma, limits.shared, poses.position]))
+    verdict, sure = verdict_on_offset(abs(fit.along), sigma, limits.tolerance)
     reason = f"its edges are at {1000 * fit.along:+.0f} mm along the wall; {state}"
     if verdict == "uncertain":
         reason = f"{reason}; a sigma of {1000 * sigma:.0f} mm is too large for the tolerance"

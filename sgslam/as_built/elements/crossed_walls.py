@@ -1,0 +1,314 @@
+"""The reveal of a planned opening, where rays cross its wall around it, and the likelihood of the place of a jamb.
+
+The reveal is the cuboid between the two faces of the wall that is cut out. Depths are metres behind the near face; the
+place of a jamb is metres from the planned one into the opening.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from data.plans.bodies import PlannedElement
+from sgslam.as_built.elements.likelihoods import DEPTH, REACH, SPREAD, THROUGH, UPRIGHT, bell, crossing_blur
+from sgslam.as_built.elements.rays import CELL, Rays, View
+from sgslam.config.sensor import BUILDING, SENSOR
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+_AROUND = 0.5  # m around an opening, where its wall's faces count
+_PARALLEL = 0.98  # cosine of the angle between faces that count as parallel
+STEP = 0.005  # m, between the places of a jamb that are tried
+NARROWER = 0.1  # m, widest frame that narrows an opening at a jamb
+PLACES = np.arange(-round((REACH + NARROWER) / STEP), round((REACH + NARROWER) / STEP) + 1) * STEP
+_AT_PLAN = 0.7  # of what is met of a jamb, leaf or pane: itself, not a frame or a handle before it
+_FLUSH = 0.05  # of the rays into an opening that meet something at the wall's face
+_MOST = 4  # rays of a bin; more of them cross at the same place
+
+
+@dataclass(frozen=True)
+class Reveal:
+    """Unit vectors `across` and `along` (3,) the wall, BIM frame; metres along `across` of the wall's `faces`, the
+    lower first, metres along `along` of the jambs `start` and `end`, z of `bottom` and `top`. `set_back` is how far (m)
+    the planned leaf or pane lies behind each face, None where the plan does not tell."""
+
+    across: Floats
+    along: Floats
+    faces: tuple[float, float]
+    start: float
+    end: float
+    bottom: float
+    top: float
+    set_back: tuple[float | None, float | None]
+
+    @property
+    def depth(self) -> float:
+        """Metres from face to face."""
+        return self.faces[1] - self.faces[0]
+
+    @property
+    def width(self) -> float:
+        """Metres from jamb to jamb."""
+        return self.end - self.start
+
+
+def reveal_of(opening: PlannedElement, wall: PlannedElement) -> Reveal | None:
+    """None where the wall has no two upright faces around the opening, as a roof has none."""
+    body = opening.triangles.reshape(-1, 3)
+    low, high = body.min(axis=0) - _AROUND, body.max(axis=0) + _AROUND
+    corners = wall.triangles
+    around = np.all((corners.min(axis=1) < high) & (corners.max(axis=1) > low), axis=1)
+    faces, normals, areas = _upright(corners[around])
+    if not len(faces):
+        return None
+    parallel = np.abs(normals @ normals.T) > _PARALLEL
+    across = normals[np.argmax(parallel @ areas)]
+    across = across * (1.0 if tuple(across) > tuple(-across) else -1.0)
+    along = np.array([-across[1], across[0], 0.0])
+    places = faces[np.abs(normals @ across) > _PARALLEL].mean(axis=1) @ across
+    cut = body @ across
+    places = places[(places > cut.min() - SENSOR.edge) & (places < cut.max() + SENSOR.edge)]
+    if not len(places) or np.ptp(places) < BUILDING.thinnest_wall:
+        return None
+    ends = float(places.min()), float(places.max())
+    u, z = body @ along, body[:, 2]
+    extent = float(u.min()), float(u.max()), float(z.min()), float(z.max())
+    return Reveal(across, along, ends, *extent, _set_back(opening.filling, across, ends))
+
+
+def _upright(triangles: Floats) -> tuple[Floats, Floats, Floats]:
+    """Upright triangles (M, 3, 3), their level unit normals (M, 3), and their areas (M,)."""
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2
+    areas = np.linalg.norm(normals, axis=1)
+    upright = (areas > 0) & (np.abs(normals[:, 2]) < UPRIGHT * areas)
+    normals = normals[upright] * [1.0, 1.0, 0.0]
+    return triangles[upright], normals / np.linalg.norm(normals, axis=1, keepdims=True), areas[upright]
+
+
+def _set_back(filling: Floats | None, across: Floats, faces: tuple[float, float]) -> tuple[float | None, float | None]:
+    """How far the largest part of the filling lies behind each face, without its frame and its handles."""
+    if filling is None or not len(filling):
+        return None, None
+    triangles, normals, areas = _upright(filling)
+    facing = np.abs(normals @ across) > _PARALLEL
+    if not facing.any():
+        return None, None
+    places, areas = triangles[facing].mean(axis=1) @ across, areas[facing]
+    order = np.argsort(places)
+    shares = np.cumsum(areas[order]) / areas.sum()
+    lower, upper = (float(places[order][np.searchsorted(shares, share)]) for share in (0.25, 0.75))
+    return lower - faces[0], faces[1] - upper
+
+
+@dataclass(frozen=True)
+class Crossings:
+    """N rays from one side: place where they cross the near face, `near`, and leave the slab of the wall, `far`, metres
+    from the planned jamb into the opening; `depth` of what they met; `blur`, the standard deviation of the crossing
+    (m); and their `weight`."""
+
+    near: Floats
+    far: Floats
+    depth: Floats
+    blur: Floats
+    weight: Floats
+
+
+@dataclass(frozen=True)
+class Inside:
+    """What rays meet that pass the near face of a wall `thickness` metres thick: a share goes `through`; the others
+    meet a leaf or pane at the depth `sheet`, None where none was seen, or something else in the reveal."""
+
+    thickness: float
+    through: float
+    sheet: float | None
+
+    def density(self, depth: Floats) -> Floats:
+        """Of these depths (1/m)."""
+        beyond = self.through * (depth > self.thickness) / DEPTH
+        return _FLUSH * bell(depth) + (1 - _FLUSH) * (beyond + (1 - self.through) * self.in_reveal(depth))
+
+    def in_reveal(self, depth: Floats) -> Floats:
+        """Density of what is met between the faces."""
+        anywhere = ((depth > 0) & (depth <= self.thickness)) / self.thickness
+        if self.sheet is None:
+            return np.asarray(anywhere)
+        return _AT_PLAN * bell(depth - self.sheet) + (1 - _AT_PLAN) * anywhere
+
+
+def jamb_profile(rays: Crossings, inside: Inside) -> Floats:
+    """(K,) log-likelihoods of the jamb at each of PLACES."""
+    near, far = (x[:, None] - PLACES for x in (rays.near, rays.far))
+    blur = rays.blur[:, None]
+    enters, leaves = ndtr(near / blur), ndtr(np.minimum(near, far) / blur)
+    run = rays.near - rays.far
+    outward = np.maximum(run, 1e-6)[:, None]
+    at_jamb = inside.thickness * np.clip(near / outward, 0.0, 1.0)  # the depth at which a ray meets the jamb
+    jamb = _AT_PLAN * bell(rays.depth[:, None] - at_jamb)
+    jamb += ((1 - _AT_PLAN - SPREAD) * inside.in_reveal(rays.depth) + SPREAD / DEPTH)[:, None]
+    clear = inside.density(rays.depth)[:, None]
+    density = (1 - enters) * wall_density(rays.depth)[:, None] + (enters - leaves) * jamb + leaves * clear
+    return np.asarray(rays.weight @ np.log(density + SPREAD * THROUGH / DEPTH))
+
+
+def unbroken(rays: Crossings) -> float:
+    """The log-likelihood that the wall goes on there."""
+    return float(rays.weight @ np.log(wall_density(rays.depth) + SPREAD * THROUGH / DEPTH))
+
+
+def wall_density(depth: Floats) -> Floats:
+    """Of what is met where the wall stands (1/m)."""
+    return np.asarray((1 - THROUGH - SPREAD) * bell(depth, SENSOR.range_noise) + (THROUGH + SPREAD) / DEPTH)
+
+
+def displacements(left: Floats, right: Floats) -> tuple[Floats, Floats]:
+    """Metres of displacement (S,) along the wall, and their log-likelihoods, from the profiles of both jambs.
+
+    A frame may narrow the opening, at both jambs alike rather than at one. What is inside of `right` lies backwards.
+    """
+    steps, widest, middle = round(REACH / STEP), round(NARROWER / STEP), len(PLACES) // 2
+    s = np.arange(-steps, steps + 1)
+    frames = range(0, widest + 1, widest // 5)
+    terms = [
+        left[middle + s + a] + right[middle - s + b] + np.log(_prior(a, b, len(frames))) for a in frames for b in frames
+    ]
+    return np.asarray(s * STEP), np.asarray(np.logaddexp.reduce(terms, axis=0))
+
+
+def widened(profiles: tuple[Floats, Floats], along: float) -> float:
+    """By how much the jamb that lies in the planned wall, if the opening is displaced `along` the wall, is likelier
+    there than at its planned place, in log-likelihood."""
+    profile = profiles[0] if along < 0 else profiles[1]
+    middle, steps = len(PLACES) // 2, round(abs(along) / STEP)
+    return float(profile[middle - steps] - profile[middle])
+
+
+def _prior(a: int, b: int, count: int) -> float:
+    """Half of all openings are as wide as planned; most others are narrowed alike at both jambs."""
+    if a == b:
+        return 0.5 if a == 0 else 0.3 / (count - 1)
+    return 0.2 / (count * (count - 1))
+
+
+@dataclass(frozen=True)
+class CrossedWall:
+    """N rays that end at the near face or behind it. `face` is the index of that face in `Reveal.faces`; `near`, `far`
+    (N,) metres from the `start` jamb at which they enter and leave the wall's slab, `width` the opening's; `depth` (N,)
+    metres behind the near face, `blur`, `weight` as in `Crossings`; `cell` (N, 2) along the wall and up; `through`
+    (N,), whether they left the wall behind."""
+
+    face: int
+    view: NDArray[np.int64]
+    near: Floats
+    far: Floats
+    width: float
+    depth: Floats
+    blur: Floats
+    weight: Floats
+    cell: NDArray[np.int64]
+    through: Flags
+
+    @property
+    def within(self) -> Flags:
+        """Which cross the face in the planned opening."""
+        return (self.near > SENSOR.edge) & (self.near < self.width - SENSOR.edge)
+
+    def beside(self, along: float) -> Flags:
+        """Which cross the face well beside the opening, displaced by so many metres."""
+        return (self.near < along - SENSOR.edge) | (self.near > self.width + along + SENSOR.edge)
+
+    def crossings(self, jamb: int) -> Crossings:
+        """The rays in the half of the planned opening, and beside it, that tell of its `start` (0) or its end (1)."""
+        near, far = (x if jamb == 0 else self.width - x for x in (self.near, self.far))
+        own = (near + far < self.width) if jamb == 0 else (near + far <= self.width)
+        return Crossings(near[own], far[own], self.depth[own], self.blur[own], self.weight[own])
+
+
+def crossed_walls(reveal: Reveal, host: int, shift: float | None, rays: Rays, views: list[View]) -> list[CrossedWall]:
+    """What both sides tell, of those from which anything was seen. The wall was found `shift` metres off its place,
+    along `across`, None if unknown; its face is looked for beside the opening."""
+    sides = (_side(reveal, face, host, shift, rays, views) for face in (0, 1))
+    return [side for side in sides if side is not None and len(side.view)]
+
+
+def _side(
+    reveal: Reveal, face: int, host: int, shift: float | None, rays: Rays, views: list[View]
+) -> CrossedWall | None:
+    towards = _Towards.of(reveal, face, rays)
+    depth, u, up = towards.crossed(reveal, 0.0)
+    beside = towards.on_face(host) & _level(reveal, up) & ~_close(reveal, u, 0.0) & _close(reveal, u, 2 * REACH)
+    inward = 1.0 if face == 0 else -1.0
+    offset = _offset(depth[beside], None if shift is None else shift * inward)
+    depth, u, up = towards.crossed(reveal, offset)
+    slope = towards.rays.direction / towards.cosine[:, None] * reveal.depth
+    in_opening = (u > 0) & (u < reveal.width) & _level(reveal, up + slope[:, 2])
+    kept = _level(reveal, up) & _close(reveal, u, REACH) & (in_opening | towards.on_face(host))
+    kept &= depth > -3 * SENSOR.range_noise
+    chosen = np.flatnonzero(kept)
+    chosen, weight = _thinned(chosen, towards.rays.view[chosen], u[chosen])
+    rays, u, depth = towards.rays[chosen], u[chosen], depth[chosen]
+    near = (towards.before[chosen] + offset) / towards.cosine[chosen]
+    cell = np.floor(np.column_stack([u, up[chosen] - reveal.bottom]) / CELL).astype(np.int64)
+    blur = crossing_blur(views, rays.view, reveal.along, near, rays.measured)
+    far, through = u + slope[chosen] @ reveal.along, depth > reveal.depth + 2 * SENSOR.range_noise
+    return CrossedWall(face, rays.view, u, far, reveal.width, depth, blur, weight, cell, through)
+
+
+@dataclass(frozen=True)
+class _Towards:
+    """Rays from one side towards a face: `cosine` (N,) of their incidence, and how far `before` it they begin (m)."""
+
+    rays: Rays
+    cosine: Floats
+    before: Floats
+
+    @staticmethod
+    def of(reveal: Reveal, face: int, rays: Rays) -> "_Towards":
+        sign = 1.0 if face == 0 else -1.0
+        cosine = sign * (rays.direction @ reveal.across)
+        before = sign * (reveal.faces[face] - rays.origin @ reveal.across)
+        good = (cosine > SENSOR.least_cosine) & (before > 0) & (before < SENSOR.furthest * cosine)
+        return _Towards(rays[good], cosine[good], before[good])
+
+    def crossed(self, reveal: Reveal, offset: float) -> tuple[Floats, Floats, Floats]:
+        """(N,) each, of a face that lies `offset` metres behind its plan: depth of what is met behind it, place along
+        the wall from the opening's start, and z, both where the face is crossed (m)."""
+        place = self.rays.at((self.before + offset) / self.cosine)
+        depth = self.rays.measured * self.cosine - self.before - offset
+        return depth, place @ reveal.along - reveal.start, place[:, 2]
+
+    def on_face(self, host: int) -> Flags:
+        """Which the plan lets end at the face."""
+        return (self.rays.owner == host) & (np.abs(self.rays.planned * self.cosine - self.before) < SENSOR.range_noise)
+
+
+def _level(reveal: Reveal, z: Floats) -> Flags:
+    return (z > reveal.bottom + SENSOR.edge) & (z < reveal.top - SENSOR.edge)
+
+
+def _close(reveal: Reveal, u: Floats, beside: float) -> Flags:
+    return (u > -beside) & (u < reveal.width + beside)
+
+
+def _thinned(chosen: NDArray[np.int64], view: NDArray[np.int64], u: Floats) -> tuple[NDArray[np.int64], Floats]:
+    """At most _MOST rays of each keyframe and bin along the wall, and their weights, which sum up to one in it."""
+    _, group = np.unique(np.column_stack([view, np.floor(u / SENSOR.edge)]), axis=0, return_inverse=True)
+    group = group.ravel()
+    order = np.argsort(group, kind="stable")
+    begins = np.searchsorted(group[order], np.arange(group.max(initial=-1) + 1))
+    counts = np.bincount(group)
+    place = np.arange(len(group)) - begins[group[order]]
+    every = np.maximum(1, -(-counts // _MOST))[group[order]]
+    kept = order[place % every == 0]
+    return chosen[kept], 1 / np.bincount(group[kept], minlength=len(counts))[group[kept]]
+
+
+def _offset(depth: Floats, expected: float | None) -> float:
+    """Metres by which the face lies behind its plan: where most is met beside the opening, near what is expected."""
+    near, far = (-REACH, REACH) if expected is None else (expected - SENSOR.edge, expected + SENSOR.edge)
+    depth = depth[(depth > near - SENSOR.range_noise) & (depth < far + SENSOR.range_noise)]
+    if not len(depth):
+        return 0.0 if expected is None else expected
+    tries = np.arange(near, far, SENSOR.range_noise / 2)
+    most = tries[np.argmax(np.exp(-0.5 * ((depth - tries[:, None]) / SENSOR.range_noise) ** 2).sum(axis=1))]
+    return float(np.median(depth[np.abs(depth - most) < 2 * SENSOR.range_noise]))
