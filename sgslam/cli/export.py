@@ -86,8 +86,7 @@ def map_points(run: "RunFolder", voxel: float) -> "tuple[NDArray[np.float64], ND
     """The point cloud map (N, 3) in the run's frame, unit vectors (N, 3) towards the sensor, and the number of
     keyframes that it is made of."""
     from sgslam.mapping import KeyframeClouds
-    from sgslam.mapping.cloud_map import cloud_map
-    from sgslam.mapping.keyframe_clouds import FILE
+    from sgslam.mapping.keyframe_clouds import FILE, cloud_map
 
     clouds = KeyframeClouds.open(run.path / FILE)
     return *cloud_map(clouds, run.poses_by_keyframe, voxel), len(clouds)

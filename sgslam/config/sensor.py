@@ -43,6 +43,9 @@ class BuildingModel(NamedTuple):
     raised: float = 0.6  # m, by which a floor is left: more than a raised floor and a hand's sway
     uneven: float = 0.2  # m, change of the height of a sensor that is carried over level ground
     landing: float = 2.0  # m of level way; a landing of a stair is shorter
+    displaced: float = 0.4  # m, largest offset of an element from its plan; beyond it stands another thing
+    around: float = 0.5  # m around an element, in which the faces of what it stands in, or bounds, lie
+    one_wall: float = 0.1  # rad between pieces of one wall, as they are mapped
     thinnest_wall: float = 0.03  # m
     thin_wall: float = 0.25  # m, from face to face; low things that are thicker are furniture
     thickest_wall: float = 0.45  # m

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.config.loop_settings import LoopSettings
+from sgslam.config.models import LoopSettings
 from sgslam.geometry.frames import angle_of, inverse, transform_points
 from sgslam.loops.pass_alignment import INLIER, SeenSpace, Submap, covariance_of, level_frame, register, search
 from sgslam.mapping import Closure, KeyframeNode, WallMap

@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 
 from sgslam.config.sensor import SENSOR
 from sgslam.geometry.frames import inverse, se2_to_se3, squared_up, transform_points
-from sgslam.mapping.free_space import Grid
+from sgslam.mapping.rooms import Grid
 
 Floats = NDArray[np.float64]
 _CELL = 0.1  # m

@@ -2,9 +2,8 @@
 
 from sgslam.mapping.floor_transition import FloorTransition
 from sgslam.mapping.floors import FloorMap, Floors
-from sgslam.mapping.graph_nodes import Anchors, Closure, PlannedWall, RoomNode
 from sgslam.mapping.keyframe_clouds import KeyframeClouds
-from sgslam.mapping.keyframes import SMOOTHED, KeyframeNode, KeyframeRule
+from sgslam.mapping.keyframes import SMOOTHED, Anchors, Closure, KeyframeNode, KeyframeRule, PlannedWall, RoomNode
 from sgslam.mapping.level_map import LevelMap, SeenLevel
 from sgslam.mapping.scene import Scene
 from sgslam.mapping.wall_map import SeenWall, WallMap

@@ -10,8 +10,7 @@ from data import Keyframe, SceneGraph
 from data.geometry.poses import poses_to_xyzquat
 from sgslam.config import Config
 from sgslam.geometry.frames import level_map
-from sgslam.mapping.graph_nodes import RoomNode
-from sgslam.mapping.keyframes import KeyframeNode
+from sgslam.mapping.keyframes import KeyframeNode, RoomNode
 from sgslam.mapping.level_map import LevelMap, SeenLevel
 from sgslam.mapping.scene import Scene, build_scene
 from sgslam.mapping.wall_map import Register, SeenWall, WallMap

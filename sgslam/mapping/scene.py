@@ -10,10 +10,8 @@ from data import Door, Floor, Keyframe, Room, SceneGraph, WallSurface
 from data.geometry.poses import poses_to_xyzquat
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, se2_to_se3, transform_planes, transform_points
-from sgslam.mapping.free_space import free_space
-from sgslam.mapping.graph_nodes import RoomNode
-from sgslam.mapping.keyframes import KeyframeNode
-from sgslam.mapping.rooms import Segmentation, segment
+from sgslam.mapping.keyframes import KeyframeNode, RoomNode
+from sgslam.mapping.rooms import Segmentation, free_space, segment
 from sgslam.mapping.wall_map import WallMap
 
 Floats = NDArray[np.float64]

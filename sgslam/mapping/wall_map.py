@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.config import SurfaceSettings
+from sgslam.config.sensor import BUILDING
 from sgslam.geometry.frames import transform_planes, transform_points
 from sgslam.perception import WallObservation
 from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
 _GAP = 1.0  # m along, between a piece and the wall that it is of
-_JOIN_ANGLE, _JOIN_OFFSET = 0.1, 0.1  # rad and m between two walls that are one
+_JOIN_OFFSET = 0.1  # m between two walls that are one
 _STEP = 0.05  # m across, between the parts of a wall that are two
 
 
@@ -308,7 +309,7 @@ def _closest_duplicate(lines: Lines, settings: SurfaceSettings) -> tuple[int, in
     common = (low + high)[..., None] / 2 * tangent[:, None] - (lines.offset[:, None] * lines.normal)[:, None]
     across = np.abs(np.einsum("ijk,jk->ij", common, lines.normal) + lines.offset)
     across = np.maximum(across, across.T)
-    parallel = lines.normal @ lines.normal.T > np.cos(_JOIN_ANGLE)
+    parallel = lines.normal @ lines.normal.T > np.cos(BUILDING.one_wall)
     # end to end, two walls are one only without a step; side by side, there is no room for both
     allowed = np.where(overlap > settings.min_length, _JOIN_OFFSET, 0.5 * _STEP)
     cost = np.where(parallel & (across < allowed) & (overlap > -0.2), across, np.inf)

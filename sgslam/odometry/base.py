@@ -12,6 +12,7 @@ from sgslam.types import Motion
 
 Floats = NDArray[np.float64]
 State = dict[str, Any]
+ROUNDS = 3  # of undistorting a scan by the motion that it shows: by the step before it, and only once, it may diverge
 LEAST = 20  # points that a registration by others needs
 GAP_NS = NS  # a longer step between two poses does not tell how the sensor moved within it
 

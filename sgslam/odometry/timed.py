@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from sgslam.odometry.base import State
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.perception.point_times import Rule, even_times, guessed_times
 from sgslam.registration.motion_prior import velocity_between
+from sgslam.serialization import Stateful
 from sgslam.types import Motion, Registration
 
 Floats = NDArray[np.float64]
@@ -28,7 +29,7 @@ _LIMIT = 8.0
 _WITHOUT_ORDER = 20  # so many more scans whose points' order says nothing than others count as snapshots
 
 
-class TimedOdometry:
+class TimedOdometry(Stateful):
     """Our own odometry for scans with point times, given or not.
 
     Where they are not given, two odometries run side by side until the motion decides: one takes scans as snapshots,
@@ -36,6 +37,8 @@ class TimedOdometry:
     Poses are those of the better one so far, and do not jump when that changes; but while results are held back, they
     are all replaced by those of the other one. All points of a snapshot are of the instant `stamped`.
     """
+
+    _STATE = ("_best", "_evidence", "_without_order", "_last_ns", "_duration_s", "_rule", "_shift", "_held")
 
     def __init__(
         self, make: Callable[[], ContinuousTimeOdometry], point_times: Kinds, stamped: Stamped = "auto"
@@ -163,30 +166,17 @@ class TimedOdometry:
         what = "measured one after another, in their order" if kind == "order" else "measured at one instant"
         _log.info("the points of the scans have no times; they are taken as %s", what)
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> State:
         """See `ContinuousTimeOdometry.state`."""
-        return {
-            "odometries": {kind: odometry.state() for kind, odometry in self._odometries.items()},
-            "best": self._best,
-            "evidence": self._evidence,
-            "without_order": self._without_order,
-            "last": dict(self._last),
-            "last_ns": self._last_ns,
-            "duration_s": self._duration_s,
-            "rule": self._rule,
-            "shift": self._shift,
-            "held": self._held,
-        }
+        own = {kind: odometry.state() for kind, odometry in self._odometries.items()}
+        return super().state() | {"odometries": own, "last": dict(self._last)}
 
     def restore(self, state: State) -> None:
         """See `ContinuousTimeOdometry.restore`."""
-        self._odometries = {kind: self._make() for kind in state["odometries"]}
+        super().restore(state)
+        self._last, self._odometries = dict(state["last"]), {kind: self._make() for kind in state["odometries"]}
         for kind, odometry in self._odometries.items():
             odometry.restore(state["odometries"][kind])
-        self._best, self._evidence, self._without_order = state["best"], state["evidence"], state["without_order"]
-        self._last, self._last_ns = dict(state["last"]), state["last_ns"]
-        self._duration_s, self._rule, self._shift = state["duration_s"], state["rule"], state["shift"]
-        self._held = state["held"]
 
 
 def _moved(T: Floats, result: Registration) -> Registration:

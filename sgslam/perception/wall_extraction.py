@@ -13,7 +13,6 @@ from sgslam.perception.column_scan import ColumnScan, Contour, Floats, contour, 
 
 _LEAST_COLUMNS = 5  # of the virtual scan in a wall piece
 _MERGE_GAP = 0.5  # m between collinear pieces of one scan that are merged
-_UPRIGHT = np.diag([0.0, 0.0, 1 / BUILDING.plumb**2])  # 1/rad2
 
 
 @dataclass(frozen=True)
@@ -75,12 +74,12 @@ def fit_wall(points: Floats, first: Floats, last: Floats, settings: SurfaceSetti
     everything, _, _ = _moments(points, *near, 0.0, np.zeros(3), np.inf)
     count = everything[0, 0]
     level = everything[0, 2] / max(count, 1.0)
-    solution = np.zeros(3)
+    solution, upright = np.zeros(3), np.diag([0.0, 0.0, 1 / BUILDING.plumb**2])  # the latter in 1/rad2
     for tolerance in (settings.split, 0.75 * settings.split):
         moments, low, high = _moments(points, *near, level, solution, tolerance)
         if moments[0, 0] < 2 * _LEAST_COLUMNS:
             return None
-        covariance = np.linalg.inv(moments[:3, :3] / SENSOR.range_noise**2 + _UPRIGHT)
+        covariance = np.linalg.inv(moments[:3, :3] / SENSOR.range_noise**2 + upright)
         solution = covariance @ moments[:3, 3] / SENSOR.range_noise**2
     seen = moments[0, 0]
     if abs(solution[2]) > BUILDING.steepest_wall or count > 5 * seen:

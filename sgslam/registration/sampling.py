@@ -12,7 +12,7 @@ from sgslam.config.sensor import SENSOR
 from sgslam.geometry.normal_equations import principal_axes
 from sgslam.inertial import steadied
 from sgslam.registration.points import UNKNOWN
-from sgslam.surfels.cells import HALF, SIDES, key_of
+from sgslam.surfels.planes import HALF, SIDES, key_of
 from sgslam.types import TimedPoints, UnsteadyTurn
 
 Floats = NDArray[np.float64]

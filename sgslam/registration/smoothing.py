@@ -15,7 +15,6 @@ from scipy.linalg import solveh_banded
 from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.registration.beliefs import MotionModel
-from sgslam.registration.degeneracy import project_out_spurious
 from sgslam.registration.motion import pose_at
 from sgslam.registration.motion_prior import add_height, add_velocities
 from sgslam.registration.points import (
@@ -27,6 +26,7 @@ from sgslam.registration.points import (
     Weights,
     placed,
     point_equations,
+    project_out_spurious,
 )
 from sgslam.registration.window import MotionPrior, update_knots, window_knots
 from sgslam.surfels import SurfelMap, Surfels
@@ -34,7 +34,6 @@ from sgslam.types import Motion, TimedPoints
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-_UP = np.array([0.0, 0.0, 1.0])
 _MAPS = 2  # times that the map is made, each of the motion found before
 _ITERATIONS = 4  # to each map
 _TURNS = 7  # in which scans are added to a map: a surfel that is full has seen all times
@@ -96,7 +95,7 @@ def smoothed(
     knots_of = [slice(first, first + len(scan.knot_seconds)) for scan, first in zip(scans, firsts, strict=True)]
     # the first pass knows the way; unknown is how a hand sways up and down, as fast as it turns
     model = MotionModel(settings.model_copy(update={"sway_memory": settings.turn_memory}))
-    model.level(_UP)
+    model.level(np.array([0.0, 0.0, 1.0]))
     for number in range(_MAPS):
         surfels = _map_of(scans, knots_of, motion, is_known).arrays
         for own in seen:

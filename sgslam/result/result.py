@@ -17,7 +17,7 @@ from sgslam.anchoring import AnchorEntry
 from sgslam.backend import FactorLog
 from sgslam.config import Config
 from sgslam.mapping import KeyframeClouds
-from sgslam.mapping.cloud_map import cloud_map
+from sgslam.mapping.keyframe_clouds import cloud_map
 from sgslam.session.checkpoints import Checkpoints, Resumable
 from sgslam.session.place_report import PlaceReport
 from sgslam.session.soundness.quality import Quality

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from data.common.compiled import compiled
 from sgslam.serialization import Stateful
-from sgslam.surfels.cells import CELLS, SIDES, cell_of, key_of, place_of, rehash, within_block
 from sgslam.surfels.planes import (
     AXIS,
+    CELLS,
     CHANGED,
     COUNT,
     FULL,
@@ -24,11 +24,17 @@ from sgslam.surfels.planes import (
     PLANE,
     RAY,
     SEEN,
+    SIDES,
     SQUARES,
     SUM,
     SUMS,
     VALID,
+    cell_of,
     fit_plane,
+    key_of,
+    place_of,
+    rehash,
+    within_block,
 )
 from sgslam.surfels.search import Surfels
 

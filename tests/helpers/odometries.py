@@ -11,7 +11,7 @@ from data.trajectory import Trajectory
 from sgslam.config import Config, OdometrySettings, TrackingSettings
 from sgslam.odometry import Odometry, make_odometry
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
-from sgslam.odometry.external import ExternalOdometry
+from sgslam.odometry.factory import ExternalOdometry
 from sgslam.odometry.given_motion import GivenMotion
 from sgslam.odometry.timed import TimedOdometry
 from sgslam.types import Registration

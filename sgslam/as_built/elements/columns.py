@@ -13,7 +13,6 @@ from sgslam.as_built.elements.likelihoods import (
     DEPTH,
     LEAST_CELLS,
     LEAST_VIEWS,
-    REACH,
     SPREAD,
     SURE,
     THROUGH,
@@ -24,14 +23,15 @@ from sgslam.as_built.elements.likelihoods import (
     verdict_on_offset,
 )
 from sgslam.as_built.elements.rays import Rays, SeenRays, View
-from sgslam.config.sensor import SENSOR
+from sgslam.config.sensor import BUILDING, SENSOR
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 _AROUND = 0.1  # m beyond the furthest shifted body
 _MOST = 2000  # rays of a column; more make it no more certain than the poses are
 _AT_OTHERS = 0.6  # of the rays that miss the body: those that end at what else is planned
-_GRIDS = ((REACH, 0.05), (0.05, 0.01), (0.012, 0.003))  # m: half the side and step of grids of shifts, one in another
+# m: half the side and step of grids of shifts, one in another
+_GRIDS = ((BUILDING.displaced, 0.05), (0.05, 0.01), (0.012, 0.003))
 _BLURRED = 0.04  # m, noise with which the coarse grid is searched, so that no shift falls between its places
 _LEAST_HITS = 10  # rays that end at the body, or pass its place
 _EXPLAINED = 0.5  # of the rays towards a moved column's planned place: those that pass or meet the column itself
@@ -98,7 +98,7 @@ def passing(index: int, solids: list[PlannedElement], rays: Rays) -> Passing:
     corners = solids[index].triangles.reshape(-1, 3)
     low, high = corners.min(axis=0), corners.max(axis=0)
     middle = (low + high) / 2
-    radius = float(np.linalg.norm((high - low)[:2])) / 2 + REACH + _AROUND
+    radius = float(np.linalg.norm((high - low)[:2])) / 2 + BUILDING.displaced + _AROUND
     rays = rays[np.linalg.norm((rays.origin - middle)[:, :2], axis=1) < SENSOR.furthest]
     level = np.linalg.norm(rays.direction[:, :2], axis=1)
     to_middle = np.sum((middle - rays.origin)[:, :2] * rays.direction[:, :2], axis=1) / np.maximum(level, 1e-6)

@@ -11,17 +11,17 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from data.plans.bodies import PlannedElement
-from sgslam.as_built.elements.likelihoods import DEPTH, REACH, SPREAD, THROUGH, UPRIGHT, bell, crossing_blur
+from sgslam.as_built.elements.likelihoods import DEPTH, SPREAD, THROUGH, UPRIGHT, bell, crossing_blur
 from sgslam.as_built.elements.rays import CELL, Rays, View
 from sgslam.config.sensor import BUILDING, SENSOR
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-_AROUND = 0.5  # m around an opening, where its wall's faces count
 _PARALLEL = 0.98  # cosine of the angle between faces that count as parallel
 STEP = 0.005  # m, between the places of a jamb that are tried
 NARROWER = 0.1  # m, widest frame that narrows an opening at a jamb
-PLACES = np.arange(-round((REACH + NARROWER) / STEP), round((REACH + NARROWER) / STEP) + 1) * STEP
+_SIDE = round((BUILDING.displaced + NARROWER) / STEP)
+PLACES = np.arange(-_SIDE, _SIDE + 1) * STEP
 _AT_PLAN = 0.7  # of what is met of a jamb, leaf or pane: itself, not a frame or a handle before it
 _FLUSH = 0.05  # of the rays into an opening that meet something at the wall's face
 _MOST = 4  # rays of a bin; more of them cross at the same place
@@ -56,7 +56,7 @@ class Reveal:
 def reveal_of(opening: PlannedElement, wall: PlannedElement) -> Reveal | None:
     """None where the wall has no two upright faces around the opening, as a roof has none."""
     body = opening.triangles.reshape(-1, 3)
-    low, high = body.min(axis=0) - _AROUND, body.max(axis=0) + _AROUND
+    low, high = body.min(axis=0) - BUILDING.around, body.max(axis=0) + BUILDING.around
     corners = wall.triangles
     around = np.all((corners.min(axis=1) < high) & (corners.max(axis=1) > low), axis=1)
     faces, normals, areas = _upright(corners[around])
@@ -166,7 +166,7 @@ def displacements(left: Floats, right: Floats) -> tuple[Floats, Floats]:
 
     A frame may narrow the opening, at both jambs alike rather than at one. What is inside of `right` lies backwards.
     """
-    steps, widest, middle = round(REACH / STEP), round(NARROWER / STEP), len(PLACES) // 2
+    steps, widest, middle = round(BUILDING.displaced / STEP), round(NARROWER / STEP), len(PLACES) // 2
     s = np.arange(-steps, steps + 1)
     frames = range(0, widest + 1, widest // 5)
     terms = [
@@ -236,13 +236,15 @@ def _side(
 ) -> CrossedWall | None:
     towards = _Towards.of(reveal, face, rays)
     depth, u, up = towards.crossed(reveal, 0.0)
-    beside = towards.on_face(host) & _level(reveal, up) & ~_close(reveal, u, 0.0) & _close(reveal, u, 2 * REACH)
+    beside = (
+        towards.on_face(host) & _level(reveal, up) & ~_close(reveal, u, 0.0) & _close(reveal, u, 2 * BUILDING.displaced)
+    )
     inward = 1.0 if face == 0 else -1.0
     offset = _offset(depth[beside], None if shift is None else shift * inward)
     depth, u, up = towards.crossed(reveal, offset)
     slope = towards.rays.direction / towards.cosine[:, None] * reveal.depth
     in_opening = (u > 0) & (u < reveal.width) & _level(reveal, up + slope[:, 2])
-    kept = _level(reveal, up) & _close(reveal, u, REACH) & (in_opening | towards.on_face(host))
+    kept = _level(reveal, up) & _close(reveal, u, BUILDING.displaced) & (in_opening | towards.on_face(host))
     kept &= depth > -3 * SENSOR.range_noise
     chosen = np.flatnonzero(kept)
     chosen, weight = _thinned(chosen, towards.rays.view[chosen], u[chosen])
@@ -305,7 +307,8 @@ def _thinned(chosen: NDArray[np.int64], view: NDArray[np.int64], u: Floats) -> t
 
 def _offset(depth: Floats, expected: float | None) -> float:
     """Metres by which the face lies behind its plan: where most is met beside the opening, near what is expected."""
-    near, far = (-REACH, REACH) if expected is None else (expected - SENSOR.edge, expected + SENSOR.edge)
+    middle, reach = (0.0, BUILDING.displaced) if expected is None else (expected, SENSOR.edge)
+    near, far = middle - reach, middle + reach
     depth = depth[(depth > near - SENSOR.range_noise) & (depth < far + SENSOR.range_noise)]
     if not len(depth):
         return 0.0 if expected is None else expected

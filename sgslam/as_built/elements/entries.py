@@ -9,8 +9,7 @@ from data.plans.bodies import PlannedElement
 from data.scene_graph import Room, SceneGraph, Xy
 from sgslam.as_built.elements.likelihoods import Finding, Verdict
 from sgslam.as_built.elements.tolerance_classes import Compliance, angle_compliance, angle_limit, loa_class
-
-_BESIDE = 0.5  # m from a room's outline to an element that bounds it
+from sgslam.config.sensor import BUILDING
 
 
 @dataclass(frozen=True)
@@ -100,7 +99,7 @@ def _length(element: PlannedElement, direction: tuple[float, float, float]) -> f
 
 
 def _rooms(storey: str, outline: shapely.Geometry, plan: PlannedRooms) -> tuple[str, ...]:
-    near = plan.outlines.query(outline, "dwithin", _BESIDE)
+    near = plan.outlines.query(outline, "dwithin", BUILDING.around)
     floor = plan.floors.get(storey)
     own = (plan.rooms[k] for k in sorted(near.tolist()))
     return tuple(room.name or room.id for room in own if floor in (None, room.floor))

@@ -17,7 +17,6 @@ UPRIGHT = 0.1  # of a unit normal, its largest component along z
 _LEAST_SPAN = 1.0  # m along a surface, below which a turn says nothing of it
 Verdict = Literal["as planned", "moved", "absent", "not seen", "uncertain"]
 LEAST_VIEWS, LEAST_CELLS = 3, 6  # keyframes, and cells of 0.25 m, that say anything of an element
-REACH = 0.4  # m, largest offset that is looked for; beyond it stands another thing
 BEFORE, THROUGH, SPREAD = 0.2, 0.03, 0.05  # of the sightings of a surface: things before it, gaps in it, outliers
 DEPTH = 5.0  # m over which what is met elsewhere than at a surface is spread
 UNDECIDED = 0.16  # probability of the unlikelier of two verdicts, one standard deviation from the limit

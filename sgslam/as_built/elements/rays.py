@@ -8,11 +8,10 @@ from numpy.typing import NDArray
 
 from data.geometry.raycast import TriangleScene
 from data.plans.bodies import PlannedElement
-from sgslam.config.sensor import SENSOR
+from sgslam.config.sensor import BUILDING, SENSOR
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-_AROUND = 0.9  # m around a body: as far as it may be displaced, and the edges of what it stands in
 _MOST_VIEWS = 150  # the nearest; more tell the same again, and a long run has thousands
 CELL = 0.25  # m, side of the cells of a surface that count once for each keyframe
 NORMAL_STEPS = 10  # of a unit vector's components, by which the faces of an element are distinguished
@@ -91,7 +90,9 @@ class SeenRays:
     def near(self, body: Floats, solid: int) -> Rays:
         """The rays that pass a body (M, 3, 3) closely, of the nearest views that would see the `solid` (index) in which
         it lies."""
-        return self._through(body, _AROUND, np.array(self._seen_by.get(solid, []), dtype=np.int64))
+        return self._through(
+            body, BUILDING.displaced + BUILDING.around, np.array(self._seen_by.get(solid, []), dtype=np.int64)
+        )
 
     def crossing(self, body: Floats, around: float) -> Rays:
         """The rays of the nearest views that pass the box about a body (M, 3, 3), wider by `around` (m)."""

@@ -12,7 +12,6 @@ from sgslam.as_built.elements.likelihoods import (
     DEPTH,
     LEAST_CELLS,
     LEAST_VIEWS,
-    REACH,
     SPREAD,
     SURE,
     THROUGH,
@@ -138,7 +137,7 @@ def _main_axis(triangles: Floats) -> Floats:
 
 def _mode(shift: Floats, weight: Floats) -> float:
     """The shift that most cells agree on."""
-    candidates = np.arange(-REACH, REACH + 1e-9, SENSOR.range_noise / 2)
+    candidates = np.arange(-BUILDING.displaced, BUILDING.displaced + 1e-9, SENSOR.range_noise / 2)
     near = np.exp(-0.5 * ((shift[None] - candidates[:, None]) / SENSOR.range_noise) ** 2)
     return float(candidates[np.argmax(near @ weight)])
 

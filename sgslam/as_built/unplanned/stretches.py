@@ -10,7 +10,7 @@ from data.geometry.raycast import TriangleScene
 from data.plans.bodies import PlannedElement
 from data.scene_graph import WallSurface
 from sgslam.as_built.elements import Finding
-from sgslam.as_built.elements.likelihoods import LEAST_VIEWS, REACH
+from sgslam.as_built.elements.likelihoods import LEAST_VIEWS
 from sgslam.as_built.elements.rays import SeenRays
 from sgslam.config.sensor import BUILDING, SENSOR
 
@@ -22,7 +22,6 @@ _MOST = 2**20  # cells along an axis
 _AROUND = np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if (x, y, z) != (0, 0, 0)])
 _GAP = 0.35  # m along a surface without a return, which does not end a stretch
 _LEVELS = 2  # cells above each other that show an upright thing
-_PARALLEL = 0.1  # rad between the faces of one wall
 
 
 def unexplained(rays: SeenRays, solids: Sequence[PlannedElement], found: Sequence[Finding], others: Floats) -> Floats:
@@ -73,7 +72,7 @@ def _standing(element: PlannedElement, found: Finding) -> list[Floats]:
     """The body of an element where it is planned, and where it was found; none of what is absent."""
     if found.verdict == "absent":
         return []
-    if found.offset is None or found.direction is None or abs(found.offset) > REACH:
+    if found.offset is None or found.direction is None or abs(found.offset) > BUILDING.displaced:
         return [element.triangles]
     return [element.triangles, element.triangles + found.offset * np.array(found.direction)]
 
@@ -178,7 +177,7 @@ def _same_wall(a: Stretch, b: Stretch) -> bool:
     """Whether two are pieces of one line, or back to back no further apart than a wall is thick."""
     n = a.normal
     facing = float(n @ b.normal)
-    if abs(facing) < np.cos(_PARALLEL):
+    if abs(facing) < np.cos(BUILDING.one_wall):
         return False
     tangent = np.array([-n[1], n[0]])
     one, other = (np.sort([own.first @ tangent, own.last @ tangent]) for own in (a, b))
