@@ -180,7 +180,7 @@ class Backend:
         inputs, settings = self._inputs, self._config.anchors
         assert inputs.anchors is not None and self.T_map_local is not None
         # what is known of the poses: walls were extracted from the same points, which count once
-        known = self.log.graph(lambda kind, key: kind not in ("wall", "room") and not _is_anchor_of_wall(kind, key))
+        known = self.log.graph(lambda kind, key: kind not in ("wall", "room") and not _anchors_wall(kind, key))
         start = self._start(self.log.graph())
         start.update(BIM, gtsam.Pose3(self.T_map_local))  # where the points were seen from, not where it was before
         walls = sorted({int(faces.wall[face]) for face in seen.face.tolist()})
@@ -292,7 +292,7 @@ class Backend:
         self._sound = len(self.keyframes)
 
 
-def _is_anchor_of_wall(kind: Kind, key: Key) -> bool:
+def _anchors_wall(kind: Kind, key: Key) -> bool:
     """Whether a factor anchors a wall or a room; a frame at a planned wall has the key of its anchor, and "place"."""
     return kind == "anchor" and key[0] in ("wall", "room") and key[-1] != "place"
 

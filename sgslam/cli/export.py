@@ -102,11 +102,11 @@ def _dsg(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
 
 
 def _g2o(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
-    from sgslam.backend.pose_graph import FILE
+    from sgslam.backend.factor_log import POSE_GRAPH
 
-    if not (run.path / FILE).is_file():
-        raise UserError(f"{run.path}: {FILE} is missing, which a run writes itself; run it again")
-    return [f"{run.path / FILE}: already written by the run"]
+    if not (run.path / POSE_GRAPH).is_file():
+        raise UserError(f"{run.path}: {POSE_GRAPH} is missing, which a run writes itself; run it again")
+    return [f"{run.path / POSE_GRAPH}: already written by the run"]
 
 
 def _ifc(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:

@@ -66,7 +66,8 @@ class FloorTransition(Stateful):
     def _arrival(self, ground: float, climbed: float, T_level_map: Floats, floors: Floors) -> Arrival:
         """The arrival on ground of this height, after so many metres of climbing."""
         settings = self._settings
-        known = {floor.number: _height_of(floor, T_level_map) for floor in floors.maps}
+        # all floors are parallel: the heights (m) above that of `T_level_map`
+        known = {floor.number: float(T_level_map[2, 3] - floor.walls.T_level_map[2, 3]) for floor in floors.maps}
         nearest = min(known, key=lambda number: abs(known[number] - ground))
         above = ground - known[nearest]
         drift = CARRIER.climb_drift * climbed
@@ -77,8 +78,3 @@ class FloorTransition(Stateful):
     def end(self, arrival: Arrival) -> None:
         """Ends the transition: the sensor is over level ground again."""
         self.active, self.ground = False, 0.0 if arrival.floor is None else arrival.height
-
-
-def _height_of(floor: FloorMap, T_level_map: Floats) -> float:
-    """Height (m) of a floor above that of `T_level_map` (4, 4); all floors are parallel."""
-    return float(T_level_map[2, 3] - floor.walls.T_level_map[2, 3])

@@ -11,9 +11,9 @@ from data.geometry.poses import poses_to_xyzquat
 from sgslam.config import Config
 from sgslam.geometry.frames import level_map
 from sgslam.mapping.keyframes import KeyframeNode, RoomNode
-from sgslam.mapping.level_map import LevelMap, SeenLevel
+from sgslam.mapping.level_map import LevelMap, Register, SeenLevel
 from sgslam.mapping.scene import Scene, build_scene
-from sgslam.mapping.wall_map import Register, SeenWall, WallMap
+from sgslam.mapping.wall_map import SeenWall, WallMap
 
 Floats = NDArray[np.float64]
 _SCENE, _UNPLACED = 16, 3  # keyframes between two segmentations of rooms, and while the map is not placed
@@ -64,11 +64,6 @@ class FloorMap:
     def cut(self, estimates: Estimates, config: Config) -> None:
         """Updates `scene`: segments the rooms and the wall surfaces again."""
         self.scene = self.scene_now(estimates, config)
-
-    def relabel(self) -> None:
-        """Updates the wall numbers in `scene` after walls were joined."""
-        if self.scene is not None:
-            self.scene = self.scene.relabelled(self.walls.current)
 
 
 class Floors:
@@ -145,8 +140,8 @@ class Floors:
             floor.walls.refresh(estimates.poses, estimates.planes_in_map, T_level_map)
             if not last and floor.walls.split_steps():
                 floor.walls.refresh(estimates.poses, estimates.planes_in_map, T_level_map)
-            if floor.walls.join_duplicates():
-                floor.relabel()
+            if floor.walls.join_duplicates() and floor.scene is not None:
+                floor.scene = floor.scene.relabelled(floor.walls.current)
 
     def graph(self, keyframes: list[KeyframeNode], scenes: list[Scene]) -> SceneGraph:
         """The S-graph of all `scenes` in the map frame, with the keyframes on stairs."""

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from sgslam.config import LevelSettings
 from sgslam.config.sensor import BUILDING
 from sgslam.geometry.frames import transform_planes, transform_points
-from sgslam.mapping.wall_map import Register
 from sgslam.perception import LevelObservation
 from sgslam.perception.level_extraction import CELL, middles_of_cells
 from sgslam.serialization import Stateful
@@ -29,6 +28,25 @@ class SeenLevel:
     is_floor: bool
     sigma_normal: float
     sigma_offset: float
+
+
+class Register(Stateful):
+    """The numbering of walls or level surfaces that the maps of all floors share.
+
+    `count` of them are numbered; `order` is the floor of each observation of a wall, in the order in which they were
+    made.
+    """
+
+    _STATE = ("order", "count")
+
+    def __init__(self) -> None:
+        self.order: list[int] = []
+        self.count = 0
+
+    def number(self) -> int:
+        """A new number."""
+        self.count += 1
+        return self.count - 1
 
 
 @dataclass(frozen=True)

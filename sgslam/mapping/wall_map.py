@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sgslam.config import SurfaceSettings
 from sgslam.config.sensor import BUILDING
 from sgslam.geometry.frames import transform_planes, transform_points
+from sgslam.mapping.level_map import Register
 from sgslam.perception import WallObservation
 from sgslam.serialization import Stateful
 
@@ -31,25 +32,6 @@ class SeenWall:
     heights: tuple[float, float]  # above the floor
     sigma_normal: float
     sigma_offset: float
-
-
-class Register(Stateful):
-    """The numbering of walls or level surfaces that the maps of all floors share.
-
-    `count` of them are numbered; `order` is the floor of each observation of a wall, in the order in which they were
-    made.
-    """
-
-    _STATE = ("order", "count")
-
-    def __init__(self) -> None:
-        self.order: list[int] = []
-        self.count = 0
-
-    def number(self) -> int:
-        """A new number."""
-        self.count += 1
-        return self.count - 1
 
 
 @dataclass(frozen=True)
@@ -154,12 +136,10 @@ class WallMap(Stateful):
     def lines(self) -> Lines:
         """The walls as lines in the levelled map, by the present estimates."""
         ids = np.array(sorted(self.planes_in_map), dtype=np.int64)
-        if not len(ids):
-            none = np.empty(0)
-            return Lines(ids, np.empty((0, 2)), none, none, none, ids)
-        normal, offset = self._as_lines(np.stack([self.planes_in_map[i] for i in ids]))
-        low, high, keyframes = zip(*(self._extent[i] for i in ids.tolist()), strict=True)
-        return Lines(ids, normal, offset, np.array(low), np.array(high), np.array([len(own) for own in keyframes]))
+        normal, offset = self._as_lines(np.array([self.planes_in_map[i] for i in ids]).reshape(-1, 4))
+        low, high = np.array([self._extent[i][:2] for i in ids.tolist()]).reshape(-1, 2).T
+        count = np.array([len(self._extent[i][2]) for i in ids.tolist()], dtype=np.int64)
+        return Lines(ids, normal, offset, low, high, count)
 
     def coverage(self, step: float) -> dict[int, Floats]:
         """For each wall, the positions (m) along its tangent, `step` apart, at which it was seen."""
@@ -219,9 +199,7 @@ class WallMap(Stateful):
         names: dict[int, int] = {}
         for s in self.seen:
             if s.keyframe in later and s.wall in old:
-                if s.wall not in names:
-                    names[s.wall] = self._register.number()
-                s.wall = names[s.wall]
+                s.wall = names[s.wall] if s.wall in names else names.setdefault(s.wall, self._register.number())
 
     def _relabel(self, gone: int, kept: int) -> None:
         self._joined_into[gone] = kept
@@ -258,10 +236,8 @@ class WallMap(Stateful):
             near &= np.abs(ends_across).max(axis=1) < 2 * self._settings.associate_offset
             nearest = np.argmin(np.where(near, across + 0.1 * np.maximum(gap, 0.0), np.inf), axis=1)
             fits = near.any(axis=1)
-        walls = []
-        for row, known in zip(nearest.tolist(), fits.tolist(), strict=True):
-            walls.append(int(lines.ids[row]) if known else self._register.number())
-        return walls
+        own = zip(nearest.tolist(), fits.tolist(), strict=True)
+        return [int(lines.ids[row]) if known else self._register.number() for row, known in own]
 
     def _widen(self, walls: NDArray[np.int64], normals: Floats, ends: Floats, keyframes: list[int]) -> None:
         """Extends walls (N,) with normals (N, 2) by pieces that end at `ends` (N, 2, 2), seen by `keyframes` (N,)."""

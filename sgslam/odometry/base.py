@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.trajectory.stamps import NS
+from sgslam.registration.motion import SHORTEST
 from sgslam.registration.motion_prior import moved_on, velocity_between
-from sgslam.registration.sampling import SHORTEST
 from sgslam.types import Motion
 
 Floats = NDArray[np.float64]

@@ -18,10 +18,9 @@ from sgslam.odometry.given_motion import GivenMotion
 from sgslam.odometry.prediction import USUAL_S, Course, predicted, unobserved
 from sgslam.registration.beliefs import Belief, MotionModel
 from sgslam.registration.health import SUSPICIOUS, Guess, best_attempt, fits, judged, likely_poses, sees_through
-from sgslam.registration.motion import pose_at, velocity_after
+from sgslam.registration.motion import pose_at, steadied_points, thinned, velocity_after
 from sgslam.registration.motion_prior import moved_on
 from sgslam.registration.points import UNKNOWN, Weights, placed
-from sgslam.registration.sampling import steadied_points, thinned
 from sgslam.registration.window import Solved, Window, solve
 from sgslam.surfels import SurfelMap
 from sgslam.types import Health, Motion, Registration, TimedPoints

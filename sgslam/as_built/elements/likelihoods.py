@@ -77,6 +77,11 @@ def bell(x: Floats, sigma: float = SENSOR.range_noise) -> Floats:
     return np.asarray(np.exp(-0.5 * (x / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi)))
 
 
+def densest(values: Floats, tries: Floats) -> float:
+    """Of some places to `tries` (M,), m, the one about which most of the values (N,) lie."""
+    return float(tries[np.argmax(np.exp(-0.5 * ((values - tries[:, None]) / SENSOR.range_noise) ** 2).sum(axis=1))])
+
+
 def crossing_blur(
     views: Sequence[View], view: NDArray[np.int64], along: Floats, crossed: Floats, measured: Floats
 ) -> Floats:

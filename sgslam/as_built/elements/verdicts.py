@@ -17,6 +17,7 @@ from sgslam.as_built.elements.likelihoods import (
     THROUGH,
     Finding,
     Limits,
+    bell,
     pose_noise,
     too_little,
     turn_of,
@@ -97,11 +98,12 @@ def _solid(
     turn = turn_of(places, (sign * offset)[at], weight[at], direction, SENSOR.range_noise, poses)
     d = float(np.median((sign * offset)[at]))
     n = (float(direction[0]), float(direction[1]), float(direction[2]))
+    sides = np.unique(sign[at])
     verdict, sure = verdict_on_offset(abs(d), sigma, limits.tolerance)
     reason = f"its surface is at {1000 * d:+.0f} mm, as measured {int(at.sum()):,} times"
     if verdict == "uncertain":
         reason = f"{reason}; a sigma of {1000 * sigma:.0f} mm is too large for the tolerance"
-    if verdict == "moved" and abs(d) > SENSOR.apart / 2 and _could_be_furniture(sign[at], d):
+    if verdict == "moved" and abs(d) > SENSOR.apart / 2 and sides.size == 1 and sides[0] * d > 0:
         verdict, reason, sure = "uncertain", f"{reason}; in front of it on one side only: it may be furniture", False
     if (verdict == "moved" or not glazed) and np.sum(weight * through) > np.sum(weight * at):
         verdict, reason, sure = "uncertain", f"{reason}; most of it is seen through", False
@@ -144,16 +146,11 @@ def _mode(shift: Floats, weight: Floats) -> float:
 
 def _log_standing(before: Floats, gaps: float) -> Floats:
     """Log-densities (1/m) of what is met, if a surface with a share of `gaps` stands: it, and things on both sides."""
-    at = np.exp(-0.5 * (before / SENSOR.range_noise) ** 2) / (SENSOR.range_noise * np.sqrt(2 * np.pi))
     else_ = np.where(before > 0, BEFORE, gaps) / DEPTH
-    return np.asarray(np.log((1 - BEFORE - gaps) * at + else_))
+    return np.asarray(np.log((1 - BEFORE - gaps) * bell(before) + else_))
 
 
 def _log_absent(offset: Floats) -> Floats:
     """Log-densities (1/m), if nothing stands there: mostly what is behind, as much before it as if it stood."""
     elsewhere = np.where(offset > 3 * SENSOR.range_noise, BEFORE, SPREAD)
     return np.asarray(np.log(np.where(offset < -SENSOR.apart, 1 - BEFORE - SPREAD, elsewhere) / DEPTH))
-
-
-def _could_be_furniture(sign: Floats, d: float) -> bool:
-    return len(np.unique(sign)) == 1 and float(sign[0]) * d > 0

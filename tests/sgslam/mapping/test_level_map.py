@@ -7,7 +7,7 @@ from boxes import Array, pose
 from sgslam.config import LevelSettings
 from sgslam.geometry.frames import inverse, transform_planes, transform_points
 from sgslam.mapping import LevelMap
-from sgslam.mapping.wall_map import Register
+from sgslam.mapping.level_map import Register
 from sgslam.perception import LevelObservation
 
 Level = tuple[float, bool, float]  # height in the map, whether it is a floor, area
