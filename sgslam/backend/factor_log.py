@@ -20,7 +20,6 @@ KINDS: tuple[Kind, ...] = ("start", "odometry", "wall", "level", "room", "loop",
 _log = logging.getLogger(__name__)
 POSE_GRAPH = "pose_graph.g2o"
 # GTSAM: rotation (rad), translation; g2o: translation, vector part of the unit quaternion (half the angle)
-_ORDER = [3, 4, 5, 0, 1, 2]
 _UNITS = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
 
 
@@ -156,7 +155,7 @@ def _edge(factor: gtsam.BetweenFactorPose3) -> str:
     noise: Any = factor.noiseModel()
     if isinstance(noise, gtsam.noiseModel.Robust):
         noise = noise.noise()
-    information = noise.information()[np.ix_(_ORDER, _ORDER)] * np.outer(_UNITS, _UNITS)
+    information = np.roll(noise.information(), 3, axis=(0, 1)) * np.outer(_UNITS, _UNITS)
     motion = poses_to_xyzquat(factor.measured().matrix())
     return f"EDGE_SE3:QUAT {first} {second} {_words(motion)} {_words(information[np.triu_indices(6)])}"
 

@@ -15,7 +15,7 @@ Ints = NDArray[np.int64]
 _EDGE = 0.2  # m at a wall's ends, floor and ceiling that are left out: other surfaces begin there
 _LEAST_POINTS = 6  # of a face in a keyframe
 _PARALLEL = 0.999  # cosine between the faces of one wall
-_BIN = 0.005  # m, of the search for the distance at which most points lie
+_BIN = SENSOR.range_noise / 4  # of the search for the distance at which most points lie
 
 
 @dataclass(frozen=True, eq=False)

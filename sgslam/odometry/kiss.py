@@ -13,7 +13,6 @@ from sgslam.geometry.frames import angle_of, squared_up
 from sgslam.odometry.base import LEAST, State, at_stamp, end_of, is_snapshot, seconds_since
 
 Floats = NDArray[np.float64]
-_POINTS_PER_VOXEL = 1  # of the local map; of the least error in two drives, with the setting's voxels
 
 
 class KissOdometry:
@@ -22,7 +21,8 @@ class KissOdometry:
 
     def __init__(self, settings: OdometrySettings, tracking: TrackingSettings) -> None:
         data = DataConfig(max_range=tracking.max_range, min_range=tracking.min_range)
-        mapping = MappingConfig(voxel_size=settings.voxel_size, max_points_per_voxel=_POINTS_PER_VOXEL)
+        # one point in each: of the least error in two drives, with the setting's voxels
+        mapping = MappingConfig(voxel_size=settings.voxel_size, max_points_per_voxel=1)
         registration = RegistrationConfig(max_num_threads=1)
         self._kiss = KissICP(KISSConfig(data=data, mapping=mapping, registration=registration))
         adaptive = self._kiss.config.adaptive_threshold

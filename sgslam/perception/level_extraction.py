@@ -10,7 +10,7 @@ from sgslam.config.sensor import BUILDING, SENSOR
 Floats = NDArray[np.float64]
 _LEVEL = float(np.cos(np.radians(6.0)))  # of a surfel's normal and the vertical; normals are known to 4 degrees
 _MOST = 50.0  # points that a surfel counts for: those of one patch share errors
-INLIER = 0.05  # m from the plane
+INLIER = 2.5 * SENSOR.range_noise  # m from the plane
 CELL = 0.5  # m, of the grid in which the area is counted
 
 

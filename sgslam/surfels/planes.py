@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
 SIDES = (1.0, 0.5, 0.25)  # m, of the cells
 SHIFT = 0.11  # m, of the cells: walls at round distances from where a run begins are not on their borders
-CELLS = 73  # of a block: one of the coarsest grid, then 8, then 64
+CELLS = sum(round(SIDES[0] / side) ** 3 for side in SIDES)  # of a block: one of the coarsest grid, then 8, then 64
 _BITS = 21  # of a cell's index along one axis
 HALF = 2.0 ** (_BITS - 1)  # cells, so that no index is negative
 _LEAST = 6  # points that a plane needs
@@ -25,12 +25,12 @@ _EXTENT = 2.0  # times the standard deviation of a plane's points along it, its 
 GRAZING = 0.1  # sine of the angle between rays and plane, at least: one ring around a corner of a room is none
 # columns of a surfel's sums; CHANGED is 1 until its plane is fitted again
 COUNT, SUM, SQUARES, RAY, CHANGED = 0, 1, 4, 10, 13
-SUMS = 14
+SUMS = CHANGED + 1
 # Columns of a surfel's plane, a cache line. The second axis is the normal times the first. The halves (m) are those of
 # the extent along the axes. The plane's variance is that at its mean, ACROSS that of its points. SEEN is the way (m)
 # at which it was last seen, and OTHER the next surfel of its cell, of another side.
 NORMAL, MEAN, AXIS, HALF_1, HALF_2, VARIANCE, ACROSS, VALID, SEEN, OTHER = 0, 3, 6, 9, 10, 11, 12, 13, 14, 15
-PLANE = 16
+PLANE = OTHER + 1
 
 
 @compiled

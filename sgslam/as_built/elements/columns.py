@@ -32,7 +32,9 @@ _MOST = 2000  # rays of a column; more make it no more certain than the poses ar
 _AT_OTHERS = 0.6  # of the rays that miss the body: those that end at what else is planned
 # m: half the side and step of grids of shifts, one in another
 _GRIDS = ((BUILDING.displaced, 0.05), (0.05, 0.01), (0.012, 0.003))
-_BLURRED = 0.04  # m, noise with which the coarse grid is searched, so that no shift falls between its places
+_BLURRED = (
+    2 * SENSOR.range_noise
+)  # m, noise with which the coarse grid is searched, so that no shift falls between its places
 _LEAST_HITS = 10  # rays that end at the body, or pass its place
 _EXPLAINED = 0.5  # of the rays towards a moved column's planned place: those that pass or meet the column itself
 _WIDER = 0.3  # of what is met there: what the body does not explain

@@ -164,7 +164,7 @@ def _side(
     kept = _level(reveal, up) & _close(reveal, u, BUILDING.displaced) & (in_opening | towards.on_face(host))
     kept &= depth > -3 * SENSOR.range_noise
     chosen = np.flatnonzero(kept)
-    chosen, weight = _thinned(chosen, towards.rays.view[chosen], u[chosen])
+    chosen, weight = _few_of_each_bin(chosen, towards.rays.view[chosen], u[chosen])
     rays, u, depth = towards.rays[chosen], u[chosen], depth[chosen]
     near = (towards.before[chosen] + offset) / towards.cosine[chosen]
     cell = np.floor(np.column_stack([u, up[chosen] - reveal.bottom]) / CELL).astype(np.int64)
@@ -209,7 +209,7 @@ def _close(reveal: Reveal, u: Floats, beside: float) -> Flags:
     return (u > -beside) & (u < reveal.width + beside)
 
 
-def _thinned(chosen: NDArray[np.int64], view: NDArray[np.int64], u: Floats) -> tuple[NDArray[np.int64], Floats]:
+def _few_of_each_bin(chosen: NDArray[np.int64], view: NDArray[np.int64], u: Floats) -> tuple[NDArray[np.int64], Floats]:
     """At most _MOST rays of each keyframe and bin along the wall, and their weights, which sum up to one in it."""
     _, group = np.unique(np.column_stack([view, np.floor(u / SENSOR.edge)]), axis=0, return_inverse=True)
     group = group.ravel()

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from sgslam.as_built.elements.rays import CELL, View
+from sgslam.as_built.elements.rays import CELL, NORMAL_STEPS, View
 from sgslam.as_built.elements.tolerance_classes import SURE_SIGMAS
 from sgslam.config.sensor import CARRIER, SENSOR
 
 Floats = NDArray[np.float64]
-UPRIGHT = 0.1  # of a unit normal, its largest component along z
+UPRIGHT = 1 / NORMAL_STEPS  # of a unit normal, its largest component along z
 _LEAST_SPAN = 1.0  # m along a surface, below which a turn says nothing of it
 Verdict = Literal["as planned", "moved", "absent", "not seen", "uncertain"]
 LEAST_VIEWS, LEAST_CELLS = 3, 6  # keyframes, and cells of 0.25 m, that say anything of an element

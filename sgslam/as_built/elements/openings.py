@@ -32,7 +32,7 @@ from sgslam.as_built.elements.rays import CELL, SeenRays
 from sgslam.config.sensor import BUILDING, SENSOR
 
 Floats = NDArray[np.float64]
-STEP = 0.005  # m, between the places of a jamb that are tried
+STEP = SENSOR.range_noise / 4  # m, between the places of a jamb that are tried
 NARROWER = 0.1  # m, widest frame that narrows an opening at a jamb
 _SIDE = round((BUILDING.displaced + NARROWER) / STEP)
 PLACES = np.arange(-_SIDE, _SIDE + 1) * STEP

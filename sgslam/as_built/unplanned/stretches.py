@@ -16,7 +16,7 @@ from sgslam.config.sensor import BUILDING, SENSOR
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-GRID = 0.1  # m, side of a cell: as far apart as the points of a keyframe, and five times the scatter of a range
+GRID = 5 * SENSOR.range_noise  # m, side of a cell: as far apart as the points of a keyframe
 _MOST = 2**20  # cells along an axis
 # towards which something that stands there is looked for
 _AROUND = np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if (x, y, z) != (0, 0, 0)])
