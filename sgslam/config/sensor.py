@@ -45,6 +45,7 @@ class BuildingModel(NamedTuple):
     landing: float = 2.0  # m of level way; a landing of a stair is shorter
     displaced: float = 0.4  # m, largest offset of an element from its plan; beyond it stands another thing
     around: float = 0.5  # m around an element, in which the faces of what it stands in, or bounds, lie
+    parallel: float = 0.99  # cosine between the normals of faces of one body, as they are planned
     one_wall: float = 0.1  # rad between pieces of one wall, as they are mapped
     thinnest_wall: float = 0.03  # m
     thin_wall: float = 0.25  # m, from face to face; low things that are thicker are furniture

@@ -7,14 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.scene_graph import WALL_HEIGHT, SceneGraph
-from sgslam.config.sensor import SENSOR
+from sgslam.config.sensor import BUILDING, SENSOR
 from sgslam.geometry.frames import transform_points
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 _EDGE = 0.2  # m at a wall's ends, floor and ceiling that are left out: other surfaces begin there
 _LEAST_POINTS = 6  # of a face in a keyframe
-_PARALLEL = 0.999  # cosine between the faces of one wall
 _BIN = SENSOR.range_noise / 4  # of the search for the distance at which most points lie
 
 
@@ -70,7 +69,7 @@ def _parallel(axes: list[tuple[int, Floats]], normal: Floats, following: int) ->
     """The number of the wall among `axes` that a face with this normal is of, and the sense of its own normal there; a
     new one, with the number `following`, where none is parallel."""
     for number, axis in axes:
-        if abs(axis @ normal) > _PARALLEL:
+        if abs(axis @ normal) > BUILDING.parallel:
             return number, float(np.sign(axis @ normal))
     axes.append((following, normal))
     return following, 1.0

@@ -16,7 +16,6 @@ from sgslam.config.sensor import BUILDING, SENSOR
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-_PARALLEL = 0.98  # cosine of the angle between faces that count as parallel
 _MOST = 4  # rays of a bin; more of them cross at the same place
 
 
@@ -55,11 +54,11 @@ def reveal_of(opening: PlannedElement, wall: PlannedElement) -> Reveal | None:
     faces, normals, areas = _upright(corners[around])
     if not len(faces):
         return None
-    parallel = np.abs(normals @ normals.T) > _PARALLEL
+    parallel = np.abs(normals @ normals.T) > BUILDING.parallel
     across = normals[np.argmax(parallel @ areas)]
     across = across * (1.0 if tuple(across) > tuple(-across) else -1.0)
     along = np.array([-across[1], across[0], 0.0])
-    places = faces[np.abs(normals @ across) > _PARALLEL].mean(axis=1) @ across
+    places = faces[np.abs(normals @ across) > BUILDING.parallel].mean(axis=1) @ across
     cut = body @ across
     places = places[(places > cut.min() - SENSOR.edge) & (places < cut.max() + SENSOR.edge)]
     if not len(places) or np.ptp(places) < BUILDING.thinnest_wall:
@@ -84,7 +83,7 @@ def _set_back(filling: Floats | None, across: Floats, faces: tuple[float, float]
     if filling is None or not len(filling):
         return None, None
     triangles, normals, areas = _upright(filling)
-    facing = np.abs(normals @ across) > _PARALLEL
+    facing = np.abs(normals @ across) > BUILDING.parallel
     if not facing.any():
         return None, None
     places, areas = triangles[facing].mean(axis=1) @ across, areas[facing]

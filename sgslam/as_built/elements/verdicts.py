@@ -28,7 +28,6 @@ from sgslam.as_built.elements.rays import CELL, NORMAL_STEPS, SeenRays, Sighting
 from sgslam.config.sensor import BUILDING, SENSOR
 
 Floats = NDArray[np.float64]
-_PARALLEL = 0.99  # cosine between a face and the main axis of its body
 _LEAST_SHARE = 0.3  # of the sightings of a moved surface: if nearly all are before it, so may be what is taken for it
 
 
@@ -68,7 +67,7 @@ def _solid(
     Rays pass through panes that the plan does not show, all that meet one of them together.
     """
     glazed, direction = element.pane > 0, _main_axis(element.triangles)
-    mine = mine[np.abs(seen.normal[mine] @ direction) > _PARALLEL]
+    mine = mine[np.abs(seen.normal[mine] @ direction) > BUILDING.parallel]
     count = len(np.unique(seen.view[mine]))
     cells = len(np.unique(seen.cell[mine], axis=0))
     if count < LEAST_VIEWS or cells < LEAST_CELLS:
@@ -116,7 +115,8 @@ def offset_along(seen: Sightings, solid: int, normal: Floats, span: tuple[float,
     """Metres along the upright `normal` (2,), by which most of one stretch of a face is off its plan; None where too
     little of it was seen. `span` are its ends along the face, leftward looking along the normal, from the origin."""
     along = CELL * (seen.cell[:, :2] + 0.5) @ np.array([-normal[1], normal[0]])
-    own = (seen.element == solid) & (seen.normal[:, :2] @ normal > _PARALLEL) & (along > span[0]) & (along < span[1])
+    within = (along > span[0]) & (along < span[1])
+    own = (seen.element == solid) & (seen.normal[:, :2] @ normal > BUILDING.parallel) & within
     _, cell, counts = np.unique(seen.cell[own], axis=0, return_inverse=True, return_counts=True)
     if len(counts) < LEAST_CELLS:
         return None
