@@ -4,8 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from sgslam.config.base import Settings
-from sgslam.config.tracking_settings import FloorSettings, TrackingSettings
+from sgslam.config.tracking_settings import FloorSettings, Settings, TrackingSettings
 
 
 class ImuSettings(Settings):

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.config import KeyframeSettings, OdometrySettings
-from sgslam.geometry.frames import inverse
+from sgslam.geometry.frames import angle_of, inverse
 from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
@@ -62,7 +62,7 @@ class KeyframeRule(Stateful):
         if self._last is not None:
             step = inverse(self._last) @ T_map_sensor
             distance = float(np.linalg.norm(step[:3, 3]))
-            angle = float(np.arccos(np.clip((np.trace(step[:3, :3]) - 1) / 2, -1.0, 1.0)))
+            angle = angle_of(step)
             still = distance < 0.05 and angle < 0.05
             # further keyframes at one place add little: an hour of standing still must not fill the map
             limit = _STANDING << self._stood if still else self._settings.scans

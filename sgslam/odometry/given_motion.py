@@ -58,7 +58,9 @@ class GivenMotion(Stateful):
             seconds = (stamp_ns - self._stamps_ns[-1]) / NS
             before, self._step = self._step, np.asarray(velocity_between(self._poses[-1], pose, seconds))
             share = min(seconds / SENSOR.scan_seconds, 1.0)  # the velocity of a shorter step is that of its error
-            self._is_outlier = all(self._differs(share * (self._step - known)) for known in (self._velocity, before))
+            # more than any that a carrier makes
+            off = [share * (self._step - known).reshape(2, 3) for known in (self._velocity, before)]
+            self._is_outlier = bool((np.linalg.norm(off, axis=2).max(axis=1) > self._limit).all())
             if self._is_outlier:
                 self._warn(stamp_ns, seconds)
                 pose = np.asarray(moved_on(self._poses[-1], self._velocity, seconds))
@@ -72,10 +74,6 @@ class GivenMotion(Stateful):
         old = bisect_left(self._stamps_ns, stamp_ns - _KEPT_NS)
         for values in (self._stamps_ns, self._poses, self._variances):
             del values[:old]  # type: ignore[attr-defined]
-
-    def _differs(self, velocity: Floats) -> bool:
-        """Whether a difference (6,) of velocities is more than any that a carrier makes."""
-        return bool(np.linalg.norm(velocity.reshape(2, 3), axis=1).max() > self._limit)
 
     def _warn(self, stamp_ns: int, seconds: float) -> None:
         """Warns of the first outlier."""

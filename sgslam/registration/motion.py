@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.config.sensor import SENSOR
+from sgslam.geometry.compiled import principal_axes
 from sgslam.geometry.frames import inverse, transform_points
-from sgslam.geometry.normal_equations import principal_axes
 from sgslam.inertial import steadied
 from sgslam.registration.motion_prior import moved_on, velocity_between
 from sgslam.registration.points import UNKNOWN, placed

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
-from sgslam.geometry.rotations import rotated_by, turn_between
+from sgslam.geometry.compiled import rotated_by, turn_between
 from sgslam.surfels import Surfels
 from sgslam.surfels.planes import VALID, add_normal_variance, is_within, misfit, off_plane, variance_at
 from sgslam.surfels.search import nearest_plane

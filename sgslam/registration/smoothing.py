@@ -7,6 +7,7 @@ banded; map and motion are estimated in turns.
 
 import math
 from concurrent.futures import ThreadPoolExecutor
+from itertools import repeat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,13 +102,15 @@ def smoothed(
         for own in seen:
             own.begin(settings.kernel if number else FIRST_OF_KERNEL * settings.kernel)
         for _ in range(_ITERATIONS):
-            _look(seen, scans, [motion.knots[own] for own in knots_of], surfels, weights)
+            with ThreadPoolExecutor() as threads:
+                knots = [motion.knots[own] for own in knots_of]
+                list(threads.map(_Seen.look, seen, scans, knots, repeat(surfels), repeat(weights)))
             step = _solved(seen, firsts, motion, model.prior, weights)
             update_knots(motion.knots, step)
             if np.sqrt(np.mean(step**2)) < CONVERGED:
                 break
-            for own, knots in zip(seen, knots_of, strict=True):
-                own.follow(step[6 * knots.start : 6 * knots.stop])
+            for own, its in zip(seen, knots_of, strict=True):
+                own.follow(step[6 * its.start : 6 * its.stop])
     return motion
 
 
@@ -128,16 +131,6 @@ def _map_of(scans: list[TimedPoints], knots_of: list[slice], motion: Motion, is_
                 points, knots = scans[i].points.astype(np.float64), motion.knots[knots_of[i]]
                 surfels.add(*placed(points, scans[i].seconds, scans[i].knot_seconds, knots), 0.0, 1.0)
     return surfels
-
-
-def _look(seen: list[_Seen], scans: list[TimedPoints], knots: list[Floats], surfels: Surfels, weights: Weights) -> None:
-    """Makes the equations of all scans, each with its knots (K, 4, 4)."""
-
-    def look(n: int) -> None:
-        seen[n].look(scans[n], knots[n], surfels, weights)
-
-    with ThreadPoolExecutor() as threads:
-        list(threads.map(look, range(len(seen))))
 
 
 def _solved(seen: list[_Seen], firsts: list[int], motion: Motion, prior: MotionPrior, weights: Weights) -> Floats:

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
-from sgslam.geometry.normal_equations import solved, square_up
-from sgslam.geometry.rotations import rotated_by
+from sgslam.geometry.compiled import rotated_by, solved, square_up
 from sgslam.inertial import Changes, Steps
 from sgslam.registration.motion_prior import (
     add_changes,

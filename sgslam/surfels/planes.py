@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from data.common.compiled import compiled
 from sgslam.config.sensor import SENSOR
-from sgslam.geometry.normal_equations import principal_axes
+from sgslam.geometry.compiled import principal_axes
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
