@@ -133,17 +133,17 @@ def _wall(wall: Sequence[Stretch], storey: str | None, plan: SceneGraph) -> Unpl
     along = (np.concatenate([[stretch.first, stretch.last] for stretch in wall]) - middle) @ tangent
     first, last = (middle + at * tangent for at in (along.max(), along.min()))
     low, high = min(stretch.height[0] for stretch in wall), max(stretch.height[1] for stretch in wall)
+    both = " from both sides" if is_two_sided(wall) else ""
     return UnplannedEntry(
         longest.id,
         "wall-like",
-        _room((first + last) / 2 + _BEFORE * n, storey, plan),
-        _storey(storey, plan),
+        *_whereabouts((first + last) / 2 + _BEFORE * n, storey, plan),
         (_xy(first), _xy(last)),
         float(np.ptp(along)),
         (low, high),
         _xy(n),
         tuple(dict.fromkeys(stretch.id for stretch in wall)),
-        f"{np.ptp(along):.1f} m long, seen over {high - low:.1f} m of height{' from both sides' * is_two_sided(wall)}",
+        f"{np.ptp(along):.1f} m long, seen over {high - low:.1f} m of height{both}",
     )
 
 
@@ -163,34 +163,27 @@ def _things(cells: Floats, plan: SceneGraph) -> Iterator[UnplannedEntry]:
         storey = next((key for z, key in reversed(levels) if z < own[:, 2].max()), None)
         _, axes = np.linalg.eigh(np.cov((own[:, :2] - middle[:2]).T))
         along = (own[:, :2] - middle[:2]) @ axes[:, 1]
-        ends = tuple(_xy(middle[:2] + at * axes[:, 1]) for at in (along.max(), along.min()))
+        first, last = (_xy(middle[:2] + at * axes[:, 1]) for at in (along.max(), along.min()))
         heights = float(own[:, 2].min()) - GRID / 2, float(own[:, 2].max()) + GRID / 2
-        x, y, z = middle.tolist()
+        where, reason = " ".join(f"{x:.1f}" for x in middle), "that nothing planned explains"
         yield UnplannedEntry(
-            f"thing at {x:.1f} {y:.1f} {z:.1f}",
+            f"thing at {where}",
             "furniture-like",
-            _room(middle[:2], storey, plan),
-            _storey(storey, plan),
-            (ends[0], ends[1]),
+            *_whereabouts(middle[:2], storey, plan),
+            (first, last),
             float(np.ptp(along)),
             heights,
             _xy(axes[:, 0]),
             (),
-            f"{len(own)} cells of {1000 * GRID:.0f} mm that nothing planned explains",
+            f"{len(own)} cells of {1000 * GRID:.0f} mm {reason}",
         )
 
 
-def _storey(key: str | None, plan: SceneGraph) -> str:
-    return next((floor.name or floor.id for floor in plan.floors if floor.id == key), "")
-
-
-def _room(place: Floats, storey: str | None, plan: SceneGraph) -> str:
-    """The name of the plan's room that contains a place (2,)."""
-    for room in plan.rooms:
-        here = storey is None or room.floor in (None, storey)
-        if here and room.polygon and shapely.contains_xy(shapely.Polygon(room.polygon), *place):
-            return room.name or room.id
-    return ""
+def _whereabouts(place: Floats, storey: str | None, plan: SceneGraph) -> tuple[str, str]:
+    """The names of the plan's room that contains a place (2,), and of its storey; empty where it has none there."""
+    rooms = (room for room in plan.rooms if room.polygon and (storey is None or room.floor in (None, storey)))
+    here = (room.name or room.id for room in rooms if shapely.contains_xy(shapely.Polygon(room.polygon), *place))
+    return next(here, ""), next((floor.name or floor.id for floor in plan.floors if floor.id == storey), "")
 
 
 def _xy(place: Floats) -> Xy:
