@@ -50,7 +50,7 @@ from matching import Matcher, MatchResult
 from matching.matcher import make_ready
 from matching.result import AnyMatcher
 from sgslam.config import AsBuiltSettings, Config
-from sgslam.odometry.external import ExternalOdometry
+from sgslam.odometry.factory import ExternalOdometry
 from sgslam.result import Result
 from sgslam.slam import SceneGraphSlam
 from sgslam.types import Update

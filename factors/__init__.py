@@ -5,10 +5,9 @@ n.x + d = 0; `T_a_b` maps coordinates in frame b to frame a; lengths are in metr
 """
 
 from factors.anchors import Anchors, PlaneKeys, anchors_of
-from factors.bim import anchor_plane, anchor_room, frame_at, plane_from, storey_plane
+from factors.bim import anchor_plane, anchor_room, fit_room, frame_at, plane_from, storey_plane
 from factors.noise import noise_of_covariance, noise_of_plane, noise_of_pose, redescending_noise_of_plane
 from factors.planes import observe_own_plane, observe_plane, plane_from_wall
-from factors.rooms import fit_room, wall_of_room
 
 __all__ = [
     "Anchors",
@@ -27,5 +26,4 @@ __all__ = [
     "plane_from_wall",
     "redescending_noise_of_plane",
     "storey_plane",
-    "wall_of_room",
 ]

@@ -1,13 +1,15 @@
 """Anchors to the BIM. The BIM frame is a pose variable of the graph.
 
-A plane of the plan is then the same kind of measurement as a plane observed from a keyframe, and a room of the plan is
-a relative pose between two variables.
+A plane of the plan is then the same kind of measurement as a plane observed from a keyframe. A room is a pose, whose
+walls are planes that are observed from it (S-Graphs; Bavle et al. 2022, arXiv 2212.11770); a room of the plan is a
+relative pose between two variables. This holds for any shape and heading, and wherever the map begins.
 """
 
 import gtsam
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from factors.noise import diagonal, robust
 from factors.planes import observe_plane
 
 
@@ -16,20 +18,12 @@ def anchor_plane(
 ) -> gtsam.NoiseModelFactor:
     """Returns a factor that ties a plane variable to the wall of the plan it was matched with.
 
-    Args:
-        plane_in_bim: (4,) the planned wall in the BIM frame.
-        bim: Key of the BIM pose, T_map_bim.
-        anchor: Key of the anchor pose, T_map_anchor.
-        plane: Key of the plane variable, in the frame of `anchor`.
-        noise: Three-dimensional noise model, see `noise_of_plane`.
-
-    Residual (3) as in `observe_plane`, in the BIM frame: how far the wall as built is from the wall as planned. `bim`
-    is determined only if walls of at least two directions are matched. If walls are far from the BIM's origin, use a
-    frame near them (`frame_at`, `plane_from`); otherwise a small rotation looks like an offset. Source: the
-    BIM as one more pose that observes planes, after the anchors of iS-Graphs (Shaheer et al. 2023, arXiv 2303.02076).
-
-    Raises:
-        ValueError: As `observe_plane`.
+    `plane_in_bim` (4,) is the planned wall, `bim` the key of the BIM pose T_map_bim; the others as of `observe_plane`,
+    as is the residual, in the BIM frame: how far the wall as built is from the wall as planned. `bim` is determined
+    only if walls of at least two directions are matched. If walls are far from the BIM's origin, use a frame near them
+    (`frame_at`, `plane_from`); otherwise a small rotation looks like an offset. Source: the BIM as one more pose that
+    observes planes, after the anchors of iS-Graphs (Shaheer et al. 2023, arXiv 2303.02076). Raises ValueError as
+    `observe_plane`.
     """
     return observe_plane(plane_in_bim, bim, anchor, plane, noise)
 
@@ -72,29 +66,40 @@ def anchor_room(
 ) -> gtsam.NoiseModelFactor:
     """Returns a factor that ties a room's pose variable to the pose of the planned room it was matched with.
 
-    Args:
-        T_bim_room: (4, 4) pose of the planned room in the BIM frame.
-        bim: Key of the BIM pose, T_map_bim.
-        room: Key of the room's pose, T_map_room.
-        sigma_yaw: Standard deviation of the yaw in radians.
-        sigma_place: Standard deviation of x and y in metres.
+    `T_bim_room` (4, 4) is the pose of the planned room, `bim` the key of T_map_bim, `room` that of T_map_room. The
+    sigmas are standard deviations of the yaw (rad), and of x and y (m).
 
     Residual (6): logarithm of the pose difference in the planned room's frame, rotation (rad) first, then translation
     (m). Height, roll and pitch are left free (100 m, 3 rad), since walls do not determine them. Huber loss at 1.345.
-    Source: BetweenFactor of GTSAM; rooms as poses after S-Graphs (Bavle et al. 2022, arXiv 2212.11770).
-
-    Raises:
-        ValueError: A sigma is not positive, or the pose is not (4, 4) and finite.
+    Source: BetweenFactor of GTSAM. Raises ValueError unless the sigmas are positive and the pose is (4, 4) and finite.
     """
-    sigmas = np.array([3.0, 3.0, sigma_yaw, sigma_place, sigma_place, 100.0])
-    if not (np.all(np.isfinite(sigmas)) and sigmas.min() > 0):
-        raise ValueError(f"sigmas must be positive and finite, not {sigmas}")
+    noise = robust(diagonal([3.0, 3.0, sigma_yaw, sigma_place, sigma_place, 100.0]), 1.345)
     pose = np.asarray(T_bim_room, dtype=float)
     if pose.shape != (4, 4) or not np.all(np.isfinite(pose)):
         raise ValueError(f"T_bim_room must be (4, 4) and finite, not {pose}")
-    huber = gtsam.noiseModel.mEstimator.Huber.Create(1.345)
-    noise = gtsam.noiseModel.Robust.Create(huber, gtsam.noiseModel.Diagonal.Sigmas(sigmas))
     return gtsam.BetweenFactorPose3(bim, room, gtsam.Pose3(pose), noise)
+
+
+def fit_room(planes_in_bim: ArrayLike, planes_in_room: ArrayLike) -> NDArray[np.float64] | None:
+    """Returns (4, 4) T_bim_room, the pose that aligns a room's vertical walls with the planned ones; z, roll and pitch
+    are 0.
+
+    `planes_in_bim` (M, 4) are planned walls, `planes_in_room` (M, 4) the same walls in the room's frame, row by row.
+    The yaw is the mean rotation of the normals, the position the least-squares solution of the offsets. Returns None if
+    the normals span only one direction, since the room could then slide along its walls.
+    """
+    planned, seen = np.asarray(planes_in_bim, dtype=float), np.asarray(planes_in_room, dtype=float)
+    if len(planned) < 2 or np.linalg.svd(planned[:, :2], compute_uv=False)[1] < 0.5:
+        return None
+    cross = seen[:, 0] * planned[:, 1] - seen[:, 1] * planned[:, 0]
+    dot = np.sum(seen[:, :2] * planned[:, :2], axis=1)
+    yaw = np.arctan2(cross.sum(), dot.sum())
+    # a plane moves as d_bim = d_room - n_bim . t
+    place, *_ = np.linalg.lstsq(planned[:, :2], seen[:, 3] - planned[:, 3], rcond=None)
+    T_bim_room = np.eye(4)
+    T_bim_room[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
+    T_bim_room[:2, 3] = place
+    return T_bim_room
 
 
 def _checked_place(place: ArrayLike) -> NDArray[np.float64]:

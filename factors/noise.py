@@ -1,23 +1,17 @@
 """Noise models for planes and poses, with checks that GTSAM leaves out."""
 
-from typing import overload
-
 import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
 
-@overload
-def noise_of_plane(sigma_normal: float, sigma_offset: float, huber: None) -> gtsam.noiseModel.Gaussian: ...
-@overload
-def noise_of_plane(sigma_normal: float, sigma_offset: float, huber: float) -> gtsam.noiseModel.Robust: ...
 def noise_of_plane(sigma_normal: float, sigma_offset: float, huber: float | None) -> gtsam.noiseModel.Base:
     """Returns a noise model for a plane's residual: two angles of the normal (rad), then the offset (m).
 
     `huber` is the threshold on the whitened residual; None gives a Gaussian model. Raises ValueError for sigmas and
     thresholds that are not positive and finite (GTSAM accepts most of them and then returns NaN).
     """
-    return _robust(_diagonal([sigma_normal, sigma_normal, sigma_offset]), huber)
+    return robust(diagonal([sigma_normal, sigma_normal, sigma_offset]), huber)
 
 
 def noise_of_pose(sigma_rotation: float, sigma_translation: float, huber: float | None = None) -> gtsam.noiseModel.Base:
@@ -26,7 +20,7 @@ def noise_of_pose(sigma_rotation: float, sigma_translation: float, huber: float 
     `huber` is the threshold on the whitened residual; None gives a Gaussian model. Raises ValueError as
     `noise_of_plane`.
     """
-    return _robust(_diagonal([sigma_rotation] * 3 + [sigma_translation] * 3), huber)
+    return robust(diagonal([sigma_rotation] * 3 + [sigma_translation] * 3), huber)
 
 
 def redescending_noise_of_plane(sigma_normal: float, sigma_offset: float, scale: float) -> gtsam.noiseModel.Robust:
@@ -38,7 +32,7 @@ def redescending_noise_of_plane(sigma_normal: float, sigma_offset: float, scale:
     if not (np.isfinite(scale) and scale > 0):
         raise ValueError(f"scale must be positive and finite, not {scale}")
     loss = gtsam.noiseModel.mEstimator.GemanMcClure.Create(scale)
-    return gtsam.noiseModel.Robust.Create(loss, _diagonal([sigma_normal, sigma_normal, sigma_offset]))
+    return gtsam.noiseModel.Robust.Create(loss, diagonal([sigma_normal, sigma_normal, sigma_offset]))
 
 
 def noise_of_covariance(covariance: NDArray[np.float64], huber: float | None = None) -> gtsam.noiseModel.Base:
@@ -51,16 +45,18 @@ def noise_of_covariance(covariance: NDArray[np.float64], huber: float | None = N
         raise ValueError(f"a covariance must be a finite symmetric array (6, 6), not one of shape {value.shape}")
     if np.linalg.eigvalsh(value)[0] <= 0:
         raise ValueError("a covariance must be positive definite")
-    return _robust(gtsam.noiseModel.Gaussian.Covariance(value), huber)
+    return robust(gtsam.noiseModel.Gaussian.Covariance(value), huber)
 
 
-def _diagonal(sigmas: list[float]) -> gtsam.noiseModel.Diagonal:
+def diagonal(sigmas: list[float]) -> gtsam.noiseModel.Diagonal:
+    """Returns a model with these standard deviations; raises ValueError as `noise_of_plane`."""
     if not (np.all(np.isfinite(sigmas)) and min(sigmas) > 0):
         raise ValueError(f"sigmas must be positive and finite, not {sigmas}")
     return gtsam.noiseModel.Diagonal.Sigmas(np.asarray(sigmas, dtype=float))
 
 
-def _robust(noise: gtsam.noiseModel.Gaussian, huber: float | None) -> gtsam.noiseModel.Base:
+def robust(noise: gtsam.noiseModel.Gaussian, huber: float | None) -> gtsam.noiseModel.Base:
+    """Returns the model with Huber's loss, unless that is None; raises ValueError as `noise_of_plane`."""
     if huber is None:
         return noise
     if not (np.isfinite(huber) and huber > 0):

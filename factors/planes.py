@@ -4,6 +4,8 @@ A plane variable is expressed in the frame of a nearby anchor pose (`LocalOrient
 small error of the normal would be coupled with a large one of the offset.
 """
 
+from typing import Any
+
 import gtsam
 import gtsam_unstable
 import numpy as np
@@ -15,39 +17,23 @@ def observe_plane(
 ) -> gtsam.NoiseModelFactor:
     """Returns a factor for a plane (4,) observed in the frame of the pose variable `pose`.
 
-    Args:
-        plane_in_pose: (4,) the observed plane in the frame of `pose`.
-        pose: Key of the observing pose, T_map_pose.
-        anchor: Key of the anchor pose, T_map_anchor. Only the motion between both poses matters, so the factor does not
-            depend on the map's origin.
-        plane: Key of the plane variable, in the frame of `anchor`.
-        noise: Three-dimensional noise model, see `noise_of_plane`.
+    `pose` and `anchor` are the keys of the observing pose T_map_pose and of the pose T_map_anchor, in whose frame the
+    plane variable `plane` is. Only the motion between both poses matters, so the factor does not depend on the map's
+    origin. `noise` is three-dimensional, see `noise_of_plane`.
 
     Residual (3), in the frame of `pose`: difference of the normals in the tangent plane of the predicted one (rad),
     then of the offsets (m). The residual of the normal is 0 again at 180 degrees, so gate observations below 60
-    degrees. Source: OrientedPlane3 of GTSAM (Trevor, Rogers, Christensen, ICRA 2012).
-
-    Raises:
-        ValueError: The plane is not finite, or its normal is not a unit vector.
+    degrees. Source: OrientedPlane3 of GTSAM (Trevor, Rogers, Christensen, ICRA 2012). Raises ValueError unless the
+    plane is finite and its normal a unit vector.
     """
     return gtsam_unstable.LocalOrientedPlane3Factor(_checked(plane_in_pose), noise, pose, anchor, plane)
 
 
-def observe_own_plane(
-    plane_in_anchor: ArrayLike, identity: int, plane: int, noise: gtsam.noiseModel.Gaussian
-) -> gtsam.NoiseModelFactor:
+def observe_own_plane(plane_in_anchor: ArrayLike, identity: int, plane: int, noise: Any) -> gtsam.NoiseModelFactor:
     """Returns a factor for a plane (4,) as its own anchor observed it: a prior on the plane variable.
 
-    Args:
-        plane_in_anchor: (4,) the observed plane in the anchor's frame.
-        identity: Key of a pose variable that a tight prior holds at the identity (GTSAM wraps no prior for planes).
-        plane: Key of the plane variable, in the anchor's frame.
-        noise: Three-dimensional Gaussian noise model; robust ones are not supported.
-
-    Residual (3) as in `observe_plane`, in the anchor's frame. Source: as there.
-
-    Raises:
-        ValueError: As `observe_plane`.
+    `identity` is the key of a pose variable that a tight prior holds at the identity (GTSAM wraps no prior for planes);
+    robust noise is not supported. The rest is as of `observe_plane`, in the anchor's frame.
     """
     return gtsam.OrientedPlane3Factor(_checked(plane_in_anchor), noise, identity, plane)
 

@@ -15,10 +15,9 @@ from sgslam.anchoring.place_posterior import PlacePosterior, differ, joint_poste
 from sgslam.anchoring.plan import Plan
 from sgslam.anchoring.storey_hypotheses import Assignment, assignments
 from sgslam.anchoring.wall_alignment import WallAlignment
-from sgslam.backend.backend import Anchors
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse
-from sgslam.mapping import FloorMap, Floors, Scene
+from sgslam.mapping import Anchors, FloorMap, Floors, Scene
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)

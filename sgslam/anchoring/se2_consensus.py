@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
-from sgslam.geometry.normal_equations import add_row, solved
+from sgslam.geometry.compiled import add_row, solved
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

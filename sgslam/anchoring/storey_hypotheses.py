@@ -1,9 +1,9 @@
 """Storey hypotheses: which storeys the floors of a map can be, by the heights between them."""
 
 from data import Floor, SceneGraph, UserError
+from sgslam.config.sensor import BUILDING
 
 Assignment = dict[int, str]  # floor of the map -> storey of the plan
-_CLIMBED = 0.6  # m by which a climb may differ from the plan's elevations; storeys are further apart
 
 
 def floor_named(a_graph: SceneGraph, name: str) -> Floor:
@@ -40,7 +40,7 @@ def assignments(heights: dict[int, float], planned: tuple[Floor, ...], start: st
         for number, height in heights.items():
             z = elevation + height - heights[0]
             nearest = min(known, key=lambda f: abs(known[f] - z))
-            if abs(known[nearest] - z) < _CLIMBED:
+            if abs(known[nearest] - z) < BUILDING.raised:
                 assigned[number] = nearest
         if len(assigned) == len(heights):
             found.append(assigned)

@@ -12,11 +12,11 @@ from data.scene_graph import SceneGraph
 from sgslam.as_built.deviation_entries import Deviation, MappedPiece, deviations_of, mapped_pieces
 from sgslam.as_built.elements import ElementVerdict, element_findings
 from sgslam.as_built.elements.entries import PlannedRooms, entry
-from sgslam.as_built.elements.rays import SeenRays, View
-from sgslam.as_built.elements.sightings import sightings
+from sgslam.as_built.elements.likelihoods import Limits
+from sgslam.as_built.elements.rays import SeenRays, View, sightings
 from sgslam.as_built.elements.verdicts import offset_along
 from sgslam.as_built.unplanned.entries import UnplannedEntry, storeys_of, unplanned_things
-from sgslam.as_built.unplanned.unexplained import unexplained
+from sgslam.as_built.unplanned.stretches import unexplained
 
 Floats = NDArray[np.float64]
 
@@ -54,7 +54,7 @@ def assess(
     solids = [element for element in elements if element.kind == "solid"]
     rays = SeenRays(run.views, solids)
     seen = sightings(rays)
-    found = element_findings(elements, rays, seen, tolerance, shared)
+    found = element_findings(elements, rays, seen, Limits(tolerance, shared))
     rooms = PlannedRooms.of(run.plan)
     verdicts = tuple(entry(element, own, rooms) for element, own in zip(elements, found, strict=True))
     openings = [part for element in elements if element.kind == "opening" for part in _parts(element)]

@@ -34,11 +34,15 @@ def compare(before: Path, after: Path) -> list[Entry]:
     changes = ((_change(first[key], entry), first[key], entry) for key, entry in second.items())
     return [
         {
-            "change": change, **{name: new[name] for name in _COLUMNS[1:5]}, "before": old["verdict"],
-            "after": new["verdict"], "offset_m": new["offset_m"],
+            "change": change,
+            **{name: new[name] for name in _COLUMNS[1:5]},
+            "before": old["verdict"],
+            "after": new["verdict"],
+            "offset_m": new["offset_m"],
         }
-        for change, old, new in changes if change is not None
-    ]  # fmt: skip
+        for change, old, new in changes
+        if change is not None
+    ]
 
 
 def _change(old: Entry, new: Entry) -> str | None:

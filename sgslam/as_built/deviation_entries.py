@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypedDict
+from typing import Any, Literal, TypedDict, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from sgslam.as_built.unplanned.entries import UnplannedEntry
 from sgslam.geometry.frames import transform_points
 
 Floats = NDArray[np.float64]
+Offset = Callable[[str, "MappedPiece"], float | None]
 _ACROSS = 0.7  # cosine of the angle between a wall's direction of offsets and a surface, below which it is its end
 
 
@@ -67,30 +68,28 @@ def mapped_pieces(
 
 
 def deviations_of(
-    verdicts: Sequence[ElementVerdict], unplanned: Sequence[UnplannedEntry], plan: SceneGraph,
-    pieces: Mapping[str, Sequence[MappedPiece]], offset: Callable[[str, MappedPiece], float | None],
-) -> list[Deviation]:  # fmt: skip
+    verdicts: Sequence[ElementVerdict],
+    unplanned: Sequence[UnplannedEntry],
+    plan: SceneGraph,
+    pieces: Mapping[str, Sequence[MappedPiece]],
+    offset: Offset,
+) -> list[Deviation]:
     """The deviations of wall surfaces. `pieces` are by planned surface; `offset` is that of a wall (by its id) along a
     piece, where the wall as a whole need not be straight, None where it is not known."""
     by_id = {verdict.global_id: verdict for verdict in verdicts}
-    found = [
-        deviation for surface in plan.wall_surfaces for wall in wall_ids(surface) if wall in by_id
-        for deviation in _of_surface(by_id[wall], surface, pieces.get(surface.id, []), offset)
-    ]  # fmt: skip
-    return found + [_extra(own, s_id) for own in unplanned if own.kind == "wall-like" for s_id in own.surfaces]
+    planned = [(surface, by_id[wall]) for surface in plan.wall_surfaces for wall in wall_ids(surface) if wall in by_id]
+    found = [d for surface, own in planned for d in _of_surface(own, surface, pieces.get(surface.id, []), offset)]
+    walls = [(s_id, own) for own in unplanned if own.kind == "wall-like" for s_id in own.surfaces]
+    return found + [_deviation("extra", own.reason, s_id=s_id, trace=own.trace) for s_id, own in walls]
 
 
 def _of_surface(
-    verdict: ElementVerdict, surface: WallSurface, pieces: Sequence[MappedPiece],
-    offset: Callable[[str, MappedPiece], float | None],
-) -> Iterator[Deviation]:  # fmt: skip
+    verdict: ElementVerdict, surface: WallSurface, pieces: Sequence[MappedPiece], offset: Offset
+) -> Iterator[Deviation]:
     """The entries of one surface of a wall with this verdict, one for each mapped piece."""
-    own: Deviation = {
-        "s_id": None, "a_id": surface.id, "source": verdict.global_id, "kind": "absent", "trace": None,
-        "offset_m": None, "tilt_rad": None, "sigma_m": None, "significant": True, "reason": verdict.reason,
-    }  # fmt: skip
+    of_surface = {"a_id": surface.id, "source": verdict.global_id}
     if verdict.verdict == "absent":
-        yield own
+        yield _deviation("absent", verdict.reason, **of_surface)
     elif verdict.offset_m is not None and verdict.direction is not None:
         cosine = float(np.dot(verdict.direction[:2], surface.normal))
         if abs(cosine) < _ACROSS:
@@ -101,15 +100,12 @@ def _of_surface(
             here = offset(verdict.global_id, piece)
             off = whole if here is None else here
             reason = f"{1000 * off:+.0f} mm here; its wall is {verdict.verdict}: {verdict.reason}"
-            yield {
-                **own, "s_id": piece.s_id, "kind": "moved", "offset_m": off, "reason": reason,
-                "tilt_rad": verdict.turn_rad or 0.0, "sigma_m": sigma,
-                "significant": is_off(verdict.verdict, verdict.offset_m, sigma),
-            }  # fmt: skip
+            more = {"tilt_rad": verdict.turn_rad or 0.0, "sigma_m": sigma, "offset_m": off, "s_id": piece.s_id}
+            significant = is_off(verdict.verdict, verdict.offset_m, sigma)
+            yield _deviation("moved", reason, **of_surface, **more, significant=significant)
 
 
-def _extra(own: UnplannedEntry, s_id: str) -> Deviation:
-    return {
-        "s_id": s_id, "a_id": None, "source": "", "kind": "extra", "trace": own.trace, "offset_m": None,
-        "tilt_rad": None, "sigma_m": None, "significant": True, "reason": own.reason,
-    }  # fmt: skip
+def _deviation(kind: str, reason: str, **known: Any) -> Deviation:
+    """An entry with these fields; the others are null."""
+    entry = dict.fromkeys(Deviation.__annotations__) | {"source": "", "significant": True, "kind": kind}
+    return cast(Deviation, entry | {"reason": reason} | known)

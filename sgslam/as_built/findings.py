@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from data.ifc.bcf import Model, Topic, Version, write_bcf
 from data.scene_graph import SceneGraph
 from sgslam.as_built.elements.tolerance_classes import is_off
+from sgslam.config.sensor import CARRIER
 
 if TYPE_CHECKING:
     from data.ifc.deviations import ElementFinding, UnplannedWall
@@ -19,7 +20,6 @@ Floats = NDArray[np.float64]
 Entry = Mapping[str, Any]  # of elements.json
 BCF: dict[Version, str] = {"2.1": "deviations.bcf", "3.0": "deviations_3.0.bcf"}  # most viewers read the first only
 _COLORS = {"moved": "FFD65E00", "absent": "FF56B4E9", "extra": "FFCC79A7"}
-_EYE = 1.2  # m above the floor, where the camera looks at an element
 
 
 def element_findings(elements: Sequence[Entry]) -> list["ElementFinding"]:
@@ -43,13 +43,13 @@ def unplanned_findings(unplanned: Sequence[Entry], a_graph: SceneGraph) -> list[
     from data.ifc.deviations import UnplannedWall
 
     storeys = {floor.name or floor.id: floor.id for floor in a_graph.floors}
-    return [
-        UnplannedWall(
-            wall["id"], tuple(wall["trace"][0]), tuple(wall["trace"][1]), wall["height_m"][0], wall["height_m"][1],
-            storey=storeys.get(wall["storey"]), reason=wall["reason"],
-        )
-        for wall in unplanned if wall["kind"] == "wall-like"
-    ]  # fmt: skip
+    found = []
+    for wall in unplanned:
+        if wall["kind"] == "wall-like":
+            (first, last), (low, high) = map(tuple, wall["trace"]), wall["height_m"]
+            where = {"storey": storeys.get(wall["storey"]), "reason": wall["reason"]}
+            found.append(UnplannedWall(wall["id"], first, last, low, high, **where))
+    return found
 
 
 def write_topics(
@@ -84,13 +84,11 @@ def _of_element(own: Entry, a_graph: SceneGraph) -> Topic:
         said.append(f"sigma {own['sigma_m'] * 1000:.0f} mm{turned}")
     floors = {name: floor.elevation for floor in a_graph.floors for name in (floor.id, floor.name)}
     first, last, across = _middle_line(np.array(own["outline"], dtype=float).reshape(-1, 2))
-    z = (floors.get(own["storey"]) or 0.0) + _EYE
+    z = (floors.get(own["storey"]) or 0.0) + CARRIER.eye
     if own["direction"] is not None and np.hypot(*own["direction"][:2]) > 0:
         across = np.array(own["direction"][:2]) * np.sign(own["offset_m"] or 1.0)
-    return Topic(
-        title, "; ".join(said), verdict, (own["global_id"],), _COLORS[verdict], ((*first, z), (*last, z)),
-        (float(across[0]), float(across[1])),
-    )  # fmt: skip
+    ends, facing = ((*first, z), (*last, z)), (float(across[0]), float(across[1]))
+    return Topic(title, "; ".join(said), verdict, (own["global_id"],), _COLORS[verdict], ends, facing)
 
 
 def _middle_line(outline: Floats) -> tuple[tuple[float, float], tuple[float, float], Floats]:

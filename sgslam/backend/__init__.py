@@ -2,8 +2,7 @@
 
 from sgslam.backend.backend import Backend
 from sgslam.backend.covariances import Uncertainty
-from sgslam.backend.factor_log import FactorEvent, FactorLog
-from sgslam.backend.pose_graph import write_pose_graph
+from sgslam.backend.factor_log import FactorEvent, FactorLog, write_pose_graph
 
 __all__ = [
     "Backend",

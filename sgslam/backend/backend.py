@@ -5,7 +5,7 @@ graph, and the graph can be rebuilt after a failure of the optimizer.
 """
 
 import logging
-from copy import copy
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -24,7 +24,6 @@ from sgslam.geometry.frames import inverse, is_rigid, transform_planes
 from sgslam.mapping import Anchors, Closure, KeyframeNode, PlannedWall, RoomNode, SeenLevel, SeenWall
 from sgslam.mapping.wall_points import Faces, WallPoints
 
-__all__ = ["Anchors", "Backend", "PlannedWall", "RoomNode"]
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 _LONGEST = 100.0  # m from keyframe to keyframe; no robot moves further
@@ -52,8 +51,8 @@ class Backend:
         self._builder = GraphBuilder(config, self.keyframes, self.log)
         self._optimised_at = 0
         self._sound = 0  # keyframes whose poses are from an optimum
-        self._inputs = GraphInputs([], {}, [], {}, [], None)  # of the last optimisation
-        self._optimum: tuple[gtsam.NonlinearFactorGraph, gtsam.Values, GraphInputs] | None = None
+        self._inputs = GraphInputs()  # of the last optimisation
+        self._optimum: tuple[gtsam.NonlinearFactorGraph, gtsam.Values, dict[int, PlannedWall]] | None = None
 
     def add_keyframe(self, keyframe: KeyframeNode) -> None:
         """Adds a keyframe, tied to the one before it by the odometry between them."""
@@ -71,49 +70,30 @@ class Backend:
             self._builder.hold_step(int(i), self._step(int(i)))
 
     def __getstate__(self) -> dict[str, Any]:
-        """The attributes, with the measured steps and the log's keys in place of factors and estimates."""
-        held = [entry.factor for key, entry in self.log.held("odometry").items() if len(key) == 1]
-        steps = [factor.measured().matrix() for factor in held if isinstance(factor, gtsam.BetweenFactorPose3)]
+        """The attributes, without factors, which the next optimisation makes again."""
         placed = self._builder.begin, self._builder.found
-        return {**vars(self), "_optimum": None, "_builder": placed, "log": self.log.state(), "steps": steps}
+        left = {"_optimum": None, "_inputs": GraphInputs(), "_builder": placed, "log": self.log.state()}
+        return {**vars(self), **left}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Builds the factors again from the inputs of the last optimisation. Raises ValueError where they differ from
-        those that were saved."""
+        """Makes the factors of the odometry and of the places again."""
         begin, found = state.pop("_builder")
-        log, steps = state.pop("log"), state.pop("steps")
+        log = state.pop("log")
         vars(self).update(state)
-        self.log, made = FactorLog(), FactorLog()
+        self.log = FactorLog()
         self._builder = GraphBuilder(self._config, self.keyframes, self.log)
-        self._builder.begin, self._builder.found = begin, found
-        builder = GraphBuilder(self._config, self.keyframes, made)
         if self.keyframes:
-            builder.hold_begin(begin)
+            self._builder.hold_begin(begin)
         for i, place in found.items():
-            builder.hold_place(i, place)
-        held = log["held"]["odometry"]
-        for (i,), step in zip((key for key in held if len(key) == 1), steps, strict=True):
-            builder.hold_step(i, step)
-        for i in (key[0] for key in held if len(key) == 2):
-            builder.bridge(i)
-        known = self._inputs
-        self._inputs = self._hold(builder, known.seen, known.levels, known.rooms, known.anchors)
-        self.log.restore(log, made)
+            self._builder.hold_place(i, place)
+        for key in log["held"]["odometry"]:
+            if len(key) == 1:
+                self._builder.hold_step(key[0], self._step(key[0]))
+            else:
+                self._builder.bridge(key[0])
+        self.log.restore(log)
 
-    def _hold(
-        self, builder: GraphBuilder, seen: list[SeenWall], levels: list[SeenLevel], rooms: list[RoomNode],
-        anchors: Anchors | None,
-    ) -> GraphInputs:  # fmt: skip
-        anchor_of, anchor_of_level = builder.hold_walls(seen), builder.hold_levels(levels)
-        builder.hold_rooms(rooms, anchor_of)
-        builder.hold_loops(self.closures)
-        builder.hold_anchors(anchors, anchor_of, anchor_of_level, {room.id for room in rooms})
-        as_now = [copy(s) for s in seen], [copy(s) for s in levels]
-        return GraphInputs(as_now[0], anchor_of, as_now[1], anchor_of_level, rooms, anchors)
-
-    def absorb(
-        self, other: "Backend", T_map_other: Floats, scans: int, storeys: dict[int, int], levels: int
-    ) -> None:  # fmt: skip
+    def absorb(self, other: "Backend", T_map_other: Floats, scans: int, storeys: dict[int, int], levels: int) -> None:
         """Adds the keyframes of another map at `T_map_other` (4, 4), with the factors between them.
 
         `scans` is added to their scan numbers, `levels` to those of level surfaces; `storeys` maps their floor numbers
@@ -127,8 +107,8 @@ class Backend:
             self.keyframes.append(replace(keyframe, scan=keyframe.scan + scans, T_map_sensor=T, storey=storey))
             if i == 0 or i in other._builder.found:
                 self._builder.hold_place(first + i, T)
-            elif (i,) in steps and isinstance(step := steps[i,].factor, gtsam.BetweenFactorPose3):
-                self._builder.hold_step(first + i, step.measured().matrix())
+            elif (i,) in steps:
+                self._builder.hold_step(first + i, other._step(i))
             else:
                 self._builder.bridge(first + i)
         self.closures += [replace(c, earlier=c.earlier + first, later=c.later + first) for c in other.closures]
@@ -161,19 +141,27 @@ class Backend:
         return grown >= max(settings.every_keyframes, settings.growth * len(self.keyframes))
 
     def optimise(
-        self, seen: list[SeenWall], levels: list[SeenLevel], rooms: list[RoomNode], anchors: Anchors | None,
+        self,
+        seen: list[SeenWall],
+        levels: list[SeenLevel],
+        rooms: list[RoomNode],
+        anchors: Anchors | None,
         steps: int = 6,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Updates the log and moves the estimates to the optimum of its graph, in at most `steps` iterations.
 
         If the optimizer fails, the graph and its start values are rebuilt from the log without factors of non-finite
         error. If it fails again, the anchors are left out. If that fails too, the last estimates are kept.
         Each failure is logged as a warning.
         """
-        inputs = self._inputs = self._hold(self._builder, seen, levels, rooms, anchors)
+        anchor_of, anchor_of_level = self._builder.hold_walls(seen), self._builder.hold_levels(levels)
+        self._inputs = GraphInputs(seen, levels, rooms, anchors, anchor_of, anchor_of_level)
+        self._builder.hold_rooms(rooms, anchor_of)
+        self._builder.hold_loops(self.closures)
+        self._builder.hold_anchors(self._inputs)
         self._optimised_at = len(self.keyframes)
         for attempt in (self._solve, self._rebuild, self._rebuild_without_anchors):
-            failure = attempt(inputs, steps)
+            failure = attempt(steps)
             if failure is None:
                 return
             _log.warning("the optimisation of %d keyframes failed: %s", len(self.keyframes), failure)
@@ -185,8 +173,8 @@ class Backend:
         inputs, settings = self._inputs, self._config.anchors
         assert inputs.anchors is not None and self.T_map_local is not None
         # what is known of the poses: walls were extracted from the same points, which count once
-        known = self.log.graph(lambda kind, key: kind not in ("wall", "room") and not _is_anchor_of_wall(kind, key))
-        start = start_values(self.log.graph(), inputs, self.keyframes, self.planes_in_map, self.levels_in_map)
+        known = self.log.graph(lambda kind, key: kind not in ("wall", "room") and not _anchors_wall(kind, key))
+        start = self._start(self.log.graph())
         start.update(BIM, gtsam.Pose3(self.T_map_local))  # where the points were seen from, not where it was before
         walls = sorted({int(faces.wall[face]) for face in seen.face.tolist()})
         for wall in walls:
@@ -196,27 +184,28 @@ class Backend:
         # the walls themselves make the map more rigid, and their directions upright
         graph = self.log.graph(lambda kind, key: kind in ("wall", "room"))
         graph.push_back(known)
-        for factor in self._builder.directions(inputs.anchors, inputs.anchor_of):
+        for factor in self._builder.directions(inputs):
             graph.add(factor)
         # where most walls are moved the place that the walls agree on holds
         graph.add(gtsam.PriorFactorPose3(BIM, start.atPose3(BIM), gtsam.noiseModel.Diagonal.Sigmas(_PLACE)))
-        if failure := self._solve(inputs, steps, graph, start):
+        if failure := self._solve(steps, graph, start):
             _log.warning("the adjustment of %d keyframes failed: %s", len(self.keyframes), failure)
         elif self._optimum is not None:
-            self._optimum = known, self._optimum[1], inputs
+            self._optimum = known, *self._optimum[1:]
+
+    def _start(self, graph: gtsam.NonlinearFactorGraph) -> gtsam.Values:
+        return start_values(graph, self._inputs, self.keyframes, self.planes_in_map, self.levels_in_map)
 
     def _solve(
-        self, inputs: GraphInputs, steps: int, graph: gtsam.NonlinearFactorGraph | None = None,
-        values: gtsam.Values | None = None,
-    ) -> str | None:  # fmt: skip
+        self, steps: int, graph: gtsam.NonlinearFactorGraph | None = None, values: gtsam.Values | None = None
+    ) -> str | None:
         """Moves the estimates to the optimum of a graph, by default the log's, or returns why they stay."""
         graph = self.log.graph() if graph is None else graph
         parameters = gtsam.LevenbergMarquardtParams()
         parameters.setMaxIterations(steps)
         parameters.setRelativeErrorTol(1e-4)
         try:
-            if values is None:
-                values = start_values(graph, inputs, self.keyframes, self.planes_in_map, self.levels_in_map)
+            values = self._start(graph) if values is None else values
             optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters)
             result = optimizer.optimize()
         except RuntimeError as error:
@@ -225,21 +214,20 @@ class Backend:
             return "its error is not finite"
         if optimizer.error() > _BELIEVABLE * graph.size():
             return f"its error of {optimizer.error():.1e} is implausibly large"
-        self._take(result, inputs)
-        self._optimum = graph, result, inputs
+        self._take(result)
+        self._optimum = graph, result, self._inputs.planned
         return None
 
-    def _rebuild(self, inputs: GraphInputs, steps: int) -> str | None:
+    def _rebuild(self, steps: int) -> str | None:
         """Solves again from the last optimum, continued by the odometry; unsound factors are barred."""
         _log.warning("the graph is rebuilt from the log")
         for i in range(1, len(self.keyframes)):
             if not _usable(self._step(i)) and (i,) in self.log.held("odometry"):
                 self._bar("odometry", (i,), "the step is not plausible")
         self._restart()
-        values = start_values(self.log.graph(), inputs, self.keyframes, self.planes_in_map, self.levels_in_map)
-        for kind, key, why in list(self.log.unsound(values)):
+        for kind, key, why in list(self.log.unsound(self._start(self.log.graph()))):
             self._bar(kind, key, why)
-        return self._solve(inputs, steps)
+        return self._solve(steps)
 
     def _bar(self, kind: Kind, key: Key, why: str) -> None:
         # rooms and anchors are passed again to each optimisation
@@ -247,13 +235,14 @@ class Backend:
         if kind == "odometry":
             self._builder.bridge(int(key[0]))
 
-    def _rebuild_without_anchors(self, inputs: GraphInputs, steps: int) -> str | None:
-        if inputs.anchors is None:
+    def _rebuild_without_anchors(self, steps: int) -> str | None:
+        if self._inputs.anchors is None:
             return "and there are no anchors to leave out"
         keys = list(self.log.held("anchor"))
         self.log.withdraw(len(self.keyframes), "anchor", keys, "the optimisation fails with the anchors")
         self._restart()
-        return self._solve(replace(inputs, anchors=None), steps)
+        self._inputs = replace(self._inputs, anchors=None)
+        return self._solve(steps)
 
     def _restart(self) -> None:
         """Moves the keyframes that are in no optimum yet to their odometry poses, relative to the last that is."""
@@ -273,30 +262,30 @@ class Backend:
         """The covariances of the last successful optimisation; None where there was none, or a variable is free."""
         if self._optimum is None:
             return None
-        graph, values, inputs = self._optimum
         try:
-            return Uncertainty(graph, values, inputs.planned)
+            return Uncertainty(*self._optimum)
         except RuntimeError as error:
             _log.warning("there are no covariances: %s", error)
             return None
 
-    def _take(self, values: gtsam.Values, inputs: GraphInputs) -> None:
-        poses = np.stack([values.atPose3(X(i)).matrix() for i in range(len(self.keyframes))])
-        for keyframe, pose in zip(self.keyframes, poses, strict=True):
-            keyframe.T_map_sensor = pose
-        self.planes_in_map = {
-            wall: transform_planes(poses[anchor], values.atOrientedPlane3(P(wall)).planeCoefficients().ravel())
-            for wall, anchor in inputs.anchor_of.items() if values.exists(P(wall))
-        }  # fmt: skip
-        self.levels_in_map = {
-            level: transform_planes(poses[anchor], values.atOrientedPlane3(F(level)).planeCoefficients().ravel())
-            for level, anchor in inputs.anchor_of_level.items() if values.exists(F(level))
-        }  # fmt: skip
+    def _take(self, values: gtsam.Values) -> None:
+        for i, keyframe in enumerate(self.keyframes):
+            keyframe.T_map_sensor = values.atPose3(X(i)).matrix()
+
+        def in_map(symbol: Callable[[int], int], anchor_of: dict[int, int]) -> dict[int, Floats]:
+            planes = {n: values.atOrientedPlane3(symbol(n)) for n in anchor_of if values.exists(symbol(n))}
+            return {
+                n: transform_planes(self.keyframes[anchor_of[n]].T_map_sensor, plane.planeCoefficients().ravel())
+                for n, plane in planes.items()
+            }
+
+        self.planes_in_map = in_map(P, self._inputs.anchor_of)
+        self.levels_in_map = in_map(F, self._inputs.anchor_of_level)
         self.T_map_local = values.atPose3(BIM).matrix() if values.exists(BIM) else None
         self._sound = len(self.keyframes)
 
 
-def _is_anchor_of_wall(kind: Kind, key: Key) -> bool:
+def _anchors_wall(kind: Kind, key: Key) -> bool:
     """Whether a factor anchors a wall or a room; a frame at a planned wall has the key of its anchor, and "place"."""
     return kind == "anchor" and key[0] in ("wall", "room") and key[-1] != "place"
 

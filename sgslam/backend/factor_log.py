@@ -3,22 +3,32 @@
 import logging
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 import gtsam
 import numpy as np
+from numpy.typing import NDArray
 
-Kind = Literal["start", "odometry", "wall", "level", "room", "loop", "anchor"]
+from data.common.files import write_atomically
+from data.geometry.poses import poses_to_xyzquat
+
 Key = tuple[int | str, ...]
+Floats = NDArray[np.float64]
+Kind = Literal["start", "odometry", "wall", "level", "room", "loop", "anchor"]
 KINDS: tuple[Kind, ...] = ("start", "odometry", "wall", "level", "room", "loop", "anchor")
 _log = logging.getLogger(__name__)
+POSE_GRAPH = "pose_graph.g2o"
+# GTSAM: rotation (rad), translation; g2o: translation, vector part of the unit quaternion (half the angle)
+_UNITS = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A factor, its origin `by` (odometry, a match, ...), and the reason `why`."""
+    """A factor, its origin `by` (odometry, a match, ...), and the reason `why`. The factor of a restored run is None
+    until it is made again."""
 
-    factor: gtsam.NonlinearFactor
+    factor: gtsam.NonlinearFactor | None
     by: str
     why: str
 
@@ -45,20 +55,14 @@ class FactorLog:
         self.events: list[FactorEvent] = []
 
     def state(self) -> dict[str, Any]:
-        """Returns keys and events as a tree; the factors themselves are rebuilt for `restore`."""
-        keys = {kind: list(entries) for kind, entries in self._held.items()}
-        return {"held": keys, "barred": self._barred, "refused": self._refused, "events": self.events}
+        """Returns the origins by key, and the events, as a tree; without the factors themselves."""
+        held = {kind: {key: entry.by for key, entry in entries.items()} for kind, entries in self._held.items()}
+        return {"held": held, "barred": self._barred, "refused": self._refused, "events": self.events}
 
-    def restore(self, state: dict[str, Any], made: "FactorLog") -> None:
-        """Restores what `state` returned, with the rebuilt factors of the log `made`.
-
-        Raises ValueError where one is missing there.
-        """
-        for kind in KINDS:
-            factors = made.held(kind)
-            if missing := [key for key in state["held"][kind] if key not in factors]:
-                raise ValueError(f"factor {kind} {missing[0]} cannot be rebuilt")
-            self._held[kind] = {key: factors[key] for key in state["held"][kind]}
+    def restore(self, state: dict[str, Any]) -> None:
+        """Restores what `state` returned, with the factors that are held already."""
+        for kind, held in self._held.items():
+            self._held[kind] = {key: held.get(key, Entry(None, by, "")) for key, by in state["held"][kind].items()}
         self._barred, self._refused, self.events = state["barred"], state["refused"], state["events"]
 
     def held(self, kind: Kind) -> dict[Key, Entry]:
@@ -110,7 +114,7 @@ class FactorLog:
         """Builds the factor graph of all factors that hold now, or of those that are chosen."""
         graph = gtsam.NonlinearFactorGraph()
         for kind, key, entry in self:
-            if of(kind, key):
+            if entry.factor is not None and of(kind, key):
                 graph.add(entry.factor)
         return graph
 
@@ -118,7 +122,7 @@ class FactorLog:
         """The factors with a non-finite error at `values`, each with the reason."""
         for kind, key, entry in self:
             try:
-                error = entry.factor.error(values)
+                error = 0.0 if entry.factor is None else entry.factor.error(values)
             except RuntimeError as refused:
                 yield kind, key, f"GTSAM refuses it ({str(refused).strip().partition(chr(10))[0]})"
             else:
@@ -132,3 +136,29 @@ class FactorLog:
         for event in self.events:
             counted[event.kind][event.what] += 1
         return counted
+
+
+def write_pose_graph(path: Path, log: FactorLog, poses: Floats) -> int:
+    """Writes `VERTEX_SE3:QUAT` of the keyframes, `poses` (K, 4, 4), and `EDGE_SE3:QUAT` of the motions between them.
+
+    Robust losses are left out, as are walls, rooms and the plan. Returns the number of edges.
+    """
+    lines = [f"VERTEX_SE3:QUAT {i} {_words(row)}" for i, row in enumerate(poses_to_xyzquat(poses))]
+    motions = [entry.factor for _, _, entry in log if isinstance(entry.factor, gtsam.BetweenFactorPose3)]
+    edges = [_edge(f) for f in motions if all(chr(gtsam.symbolChr(key)) == "x" for key in list(f.keys()))]
+    write_atomically(path, "\n".join(lines + edges) + "\n")
+    return len(edges)
+
+
+def _edge(factor: gtsam.BetweenFactorPose3) -> str:
+    first, second = (gtsam.symbolIndex(key) for key in list(factor.keys()))
+    noise: Any = factor.noiseModel()
+    if isinstance(noise, gtsam.noiseModel.Robust):
+        noise = noise.noise()
+    information = np.roll(noise.information(), 3, axis=(0, 1)) * np.outer(_UNITS, _UNITS)
+    motion = poses_to_xyzquat(factor.measured().matrix())
+    return f"EDGE_SE3:QUAT {first} {second} {_words(motion)} {_words(information[np.triu_indices(6)])}"
+
+
+def _words(numbers: Floats) -> str:
+    return " ".join(f"{number:.15g}" for number in numbers.tolist())

@@ -4,9 +4,8 @@ All factors go into the log. A factor whose measurement and variables did not ch
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
-from functools import partial
-from types import MappingProxyType
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, Literal
 
 import gtsam
 import numpy as np
@@ -15,15 +14,15 @@ from numpy.typing import NDArray
 
 import factors
 from sgslam.backend.factor_log import Entry, FactorLog, Key, Kind
-from sgslam.backend.variables import BIM, GROUND, IDENTITY, LEVEL, SAME, middles, planned_walls
+from sgslam.backend.variables import BIM, GROUND, IDENTITY, LEVEL, SAME, GraphInputs, middles, planned_walls
 from sgslam.config import Config
+from sgslam.config.sensor import BUILDING
 from sgslam.mapping import SMOOTHED, Anchors, Closure, KeyframeNode, PlannedWall, RoomNode, SeenLevel, SeenWall
 
 Floats = NDArray[np.float64]
-_REDESCENDING = 3.0  # whitened residual at which an anchor's weight is a quarter
-_CLOSURE = 3.0  # whitened residual beyond which a loop closure counts less
-_PARALLEL = 0.003  # rad between two floors or ceilings of a building
-_SHORTEST = 0.1  # m of a wall
+_OUTLIER = (
+    3.0  # whitened residual beyond which a loop closure counts less, and at which an anchor's weight is a quarter
+)
 _FREE = 1000.0  # m, of what is not measured
 
 
@@ -66,15 +65,15 @@ class GraphBuilder:
         self._log.add(len(self._keyframes), "odometry", (i, "bridge"), entry)
 
     def _entry(
-        self, kind: Kind, key: Key, by: str, why: str, build: Callable[[], gtsam.NonlinearFactor],
-        before: Mapping[Key, Entry] = MappingProxyType({}),
-    ) -> dict[Key, Entry]:  # fmt: skip
-        """The factor by its key, the one held `before` if there is one; nothing, and a log event, where its numbers are
-        refused."""
-        if key in before:
-            return {key: before[key]}
+        self, kind: Kind, key: Key, by: str, why: str, build: Callable[..., gtsam.NonlinearFactor], *arguments: Any
+    ) -> dict[Key, Entry]:
+        """The factor by its key, as it was held before where it does not change; nothing, and a log event, where its
+        numbers are refused."""
+        before = self._log.held(kind).get(key) if kind in ("wall", "level", "loop") else None
+        if before is not None and before.factor is not None:
+            return {key: before}
         try:
-            return {key: Entry(build(), by, why)}
+            return {key: Entry(build(*arguments), by, why)}
         except ValueError as error:
             self._log.refuse(len(self._keyframes), kind, key, by, str(error))
             return {}
@@ -85,108 +84,103 @@ class GraphBuilder:
         for s in seen:
             keyframes_of.setdefault(s.wall, set()).add(s.keyframe)
         anchor_of = {wall: min(k) for wall, k in keyframes_of.items() if len(k) >= 2}
-        before, entries = self._log.held("wall"), dict[Key, Entry]()
-        observations: Counter[int] = Counter()  # of each keyframe so far
-        for s in seen:
-            number = observations[s.keyframe]
-            observations[s.keyframe] += 1
-            if s.wall not in anchor_of:
-                continue
-            key = (s.keyframe, number, s.wall, anchor_of[s.wall])
-            build = partial(self._observation, s, P(s.wall), anchor_of[s.wall], self._of_wall(s))
-            why = f"keyframe {s.keyframe} saw wall {s.wall}"
-            entries |= self._entry("wall", key, "wall extraction", why, build, before)
-        gone = "it belongs to another wall, or the wall is estimated in another keyframe's frame"
-        self._log.hold(len(self._keyframes), "wall", entries, gone)
+        observations = [(s.wall, s, self._of_wall(s)) for s in seen]
+        self._log.hold(
+            len(self._keyframes),
+            "wall",
+            self._observed("wall", P, observations, anchor_of),
+            "it belongs to another wall, or the wall is estimated in another keyframe's frame",
+        )
         return anchor_of
+
+    def _observed(
+        self,
+        kind: Literal["wall", "level"],
+        symbol: Callable[[int], int],
+        seen: Sequence[tuple[int, SeenWall | SeenLevel, tuple[float, float]]],
+        anchor_of: dict[int, int],
+    ) -> dict[Key, Entry]:
+        """The observations of surfaces by number, with lower bounds (rad, m) of their standard deviations."""
+        entries, count = dict[Key, Entry](), Counter[int]()  # the latter of each keyframe so far
+        for number, s, sigmas in seen:
+            key = (s.keyframe, count[s.keyframe], number, anchor_of.get(number, -1))
+            count[s.keyframe] += 1
+            if number in anchor_of:
+                why = f"keyframe {s.keyframe} saw {kind} {number}"
+                arguments = s, symbol(number), anchor_of[number], sigmas
+                entries |= self._entry(kind, key, f"{kind} extraction", why, self._observation, *arguments)
+        return entries
 
     def _of_wall(self, seen: SeenWall) -> tuple[float, float]:
         """Lower bounds (rad, m) of the standard deviations of an observed wall: what its points err together turns it
         about the middle of the piece that was seen, the more the shorter that is."""
         settings, (first, last) = self._config.backend, seen.ends
-        length = max(float(np.linalg.norm(last - first)), _SHORTEST)
+        length = max(float(np.linalg.norm(last - first)), 0.1)
         turn = float(np.sqrt(12.0)) * settings.sigma_wall / length
         aside = abs(float((first + last) @ (last - first))) / (2 * length)  # of the middle from abreast of the sensor
         return turn, float(np.hypot(settings.sigma_wall, turn * aside))
 
+    def _plane_noise(self, sigma_normal: float, sigma_offset: float) -> gtsam.noiseModel.Base:
+        return factors.noise_of_plane(sigma_normal, sigma_offset, self._config.backend.huber)
+
     def _observation(
         self, seen: SeenWall | SeenLevel, plane: int, anchor: int, sigmas: tuple[float, float]
-    ) -> gtsam.NonlinearFactor:  # fmt: skip
+    ) -> gtsam.NonlinearFactor:
         """The factor of an observed plane with lower bounds `sigmas` (rad, m); `anchor` is the keyframe in whose frame
         the variable `plane` is."""
         normal, offset = (float(np.hypot(*s)) for s in zip(sigmas, (seen.sigma_normal, seen.sigma_offset), strict=True))
-        noise = factors.noise_of_plane(normal, offset, self._config.backend.huber)
         frames = (IDENTITY, SAME) if seen.keyframe == anchor else (X(seen.keyframe), X(anchor))
-        return factors.observe_plane(seen.plane, *frames, plane, noise)
+        return factors.observe_plane(seen.plane, *frames, plane, self._plane_noise(normal, offset))
 
     def hold_levels(self, seen: list[SeenLevel]) -> dict[int, int]:
         """Adds the level surfaces, all of them parallel; returns the keyframe in whose frame each is estimated."""
-        before, entries = self._log.held("level"), dict[Key, Entry]()
         anchor_of: dict[int, int] = {}
         sigmas = self._config.backend.sigma_floor_normal, self._config.backend.sigma_floor_offset
         self._is_floor = {s.level: s.is_floor for s in seen}
         for s in seen:
             anchor_of[s.level] = min(s.keyframe, anchor_of.get(s.level, s.keyframe))
-        observations: Counter[int] = Counter()  # of each keyframe so far
-        for s in seen:
-            key = (s.keyframe, observations[s.keyframe], s.level, anchor_of[s.level])
-            observations[s.keyframe] += 1
-            build = partial(self._observation, s, F(s.level), anchor_of[s.level], sigmas)
-            why = f"keyframe {s.keyframe} saw level {s.level}"
-            entries |= self._entry("level", key, "level extraction", why, build, before)
-        entries |= self._parallel_levels(anchor_of, before) | self._verticals(before)
+        entries = self._observed("level", F, [(s.level, s, sigmas) for s in seen], anchor_of)
+        entries |= self._parallel_levels(anchor_of) | self._verticals()
         gone = "it belongs to another level, or that one is estimated in another keyframe's frame"
         self._log.hold(len(self._keyframes), "level", entries, gone)
         return anchor_of
 
-    def _parallel_levels(self, anchor_of: dict[int, int], before: Mapping[Key, Entry]) -> dict[Key, Entry]:
+    def _parallel_levels(self, anchor_of: dict[int, int]) -> dict[Key, Entry]:
         """A level frame, loosely at the origin of the map, in which every level surface is level at any height."""
-        entries = dict[Key, Entry]()
-        loose = gtsam.PriorFactorPose3(LEVEL, gtsam.Pose3(), factors.noise_of_pose(1.0, 1.0))
-        entries["level",] = before.get(("level",)) or Entry(loose, "level extraction", "a frame that all levels share")
-        noise = factors.noise_of_plane(_PARALLEL, _FREE, self._config.backend.huber)
+        by, loose = "level extraction", (LEVEL, gtsam.Pose3(), factors.noise_of_pose(1.0, 1.0))
+        entries = self._entry("level", ("level",), by, "a frame that all levels share", gtsam.PriorFactorPose3, *loose)
+        noise = self._plane_noise(BUILDING.parallel_floors, _FREE)
         for level, anchor in anchor_of.items():
-            key: Key = ("level", level, anchor)
             up = [0.0, 0.0, 1.0 if self._is_floor[level] else -1.0, 0.0]
-            build = partial(factors.observe_plane, up, LEVEL, X(anchor), F(level), noise)
-            why = "floors and ceilings of a building are parallel"
-            entries |= self._entry("level", key, "level extraction", why, build, before)
+            factor = factors.observe_plane, up, LEVEL, X(anchor), F(level), noise
+            key, why = ("level", level, anchor), "floors and ceilings of a building are parallel"
+            entries |= self._entry("level", key, by, why, *factor)
         return entries
 
-    def _verticals(self, before: Mapping[Key, Entry]) -> dict[Key, Entry]:
+    def _verticals(self) -> dict[Key, Entry]:
         """The vertical that the surfaces show at each keyframe: the normal of the ground of the level frame."""
-        entries, ground = dict[Key, Entry](), [0.0, 0.0, 1.0, 0.0]
-        key: Key = ("ground",)
-        held = partial(factors.observe_own_plane, ground, IDENTITY, GROUND, factors.noise_of_plane(1e-4, 1e-3, None))
-        entries |= self._entry("level", key, "front end", "level", held, before)
+        ground = factors.observe_own_plane, [0.0, 0.0, 1.0, 0.0], IDENTITY, GROUND
+        entries = self._entry(
+            "level", ("ground",), "front end", "level", *ground, factors.noise_of_plane(1e-4, 1e-3, None)
+        )
         for i, keyframe in enumerate(self._keyframes):
-            if not np.isfinite(keyframe.sigma_up):
-                continue
-            noise = factors.noise_of_plane(keyframe.sigma_up, _FREE, self._config.backend.huber)
-            build = partial(factors.observe_plane, [*keyframe.up, 0.0], X(i), LEVEL, GROUND, noise)
-            why = "surfaces are upright or level"
-            entries |= self._entry("level", ("up", i), "front end", why, build, before)
+            if np.isfinite(keyframe.sigma_up):
+                noise = self._plane_noise(keyframe.sigma_up, _FREE)
+                factor = factors.observe_plane, [*keyframe.up, 0.0], X(i), LEVEL, GROUND, noise
+                entries |= self._entry("level", ("up", i), "front end", "surfaces are upright or level", *factor)
         return entries
 
     def hold_loops(self, closures: list[Closure]) -> None:
         """Adds loop closures."""
-        before, entries = self._log.held("loop"), dict[Key, Entry]()
+        entries = dict[Key, Entry]()
         for closure in closures:
             key = (closure.later, closure.earlier)
-            if key in before:
-                entries[key] = before[key]
-            else:
-                entries |= self._entry("loop", key, closure.by, closure.why, partial(self._loop, closure))
+            entries |= self._entry("loop", key, closure.by, closure.why, _loop, closure)
         self._log.hold(len(self._keyframes), "loop", entries, "it is contradicted")
-
-    def _loop(self, closure: Closure) -> gtsam.NonlinearFactor:
-        noise = factors.noise_of_covariance(closure.covariance, _CLOSURE)
-        T_earlier_later = gtsam.Pose3(closure.T_earlier_later)
-        return gtsam.BetweenFactorPose3(X(closure.earlier), X(closure.later), T_earlier_later, noise)
 
     def hold_rooms(self, rooms: list[RoomNode], anchor_of: dict[int, int]) -> None:
         """Adds rooms with the walls that bound them."""
-        noise = factors.noise_of_plane(0.02, 0.03, self._config.backend.huber)
+        noise = self._plane_noise(0.02, 0.03)
         loose = factors.noise_of_pose(10.0, 1000.0)  # height, roll and pitch of a room are given by nothing else
         entries: dict[Key, Entry] = {}
         for room in rooms:
@@ -194,32 +188,33 @@ class GraphBuilder:
             entries[room.id,] = Entry(prior, "free space", "a room was cut")
             for wall, plane in room.walls.items():
                 if wall in anchor_of:
-                    factor = factors.wall_of_room(plane, R(room.id), X(anchor_of[wall]), P(wall), noise)
+                    factor = factors.observe_plane(plane, R(room.id), X(anchor_of[wall]), P(wall), noise)
                     entries[room.id, wall] = Entry(factor, "free space", f"wall {wall} bounds the room")
         self._log.hold(len(self._keyframes), "room", entries, "the rooms were segmented again")
 
-    def hold_anchors(
-        self, anchors: Anchors | None, anchor_of: dict[int, int], anchor_of_level: dict[int, int], rooms: set[int]
-    ) -> None:  # fmt: skip
-        """Adds the anchors and the BIM frame; nothing for None."""
+    def hold_anchors(self, inputs: GraphInputs) -> None:
+        """Adds the anchors and the BIM frame; nothing where there are none."""
         entries: dict[Key, Entry] = {}
-        if anchors is not None:
+        if (anchors := inputs.anchors) is not None:
             prior = gtsam.PriorFactorPose3(BIM, gtsam.Pose3(anchors.T_map_local), factors.noise_of_pose(1.0, 100.0))
             entries["frame",] = Entry(prior, anchors.by, "a loose prior of the BIM frame")
-            for number, (wall, planned) in enumerate(planned_walls(anchors, anchor_of), len(anchors.elevations)):
-                key: Key = ("wall", wall, planned.a_id or str(number))
-                place = partial(factors.frame_at, planned.place, BIM, W(number))
-                held = partial(self._anchor, W(number), wall, planned, anchor_of[wall])
-                entries |= self._entry("anchor", (*key, "place"), planned.by, "a frame near the wall", place)
-                entries |= self._entry("anchor", key, planned.by, planned.why, held)
-            entries |= self._anchored_rooms(anchors, rooms) | self._anchored_levels(anchors, anchor_of_level)
+            for frame, wall, planned in _frames(inputs):
+                key: Key = ("wall", wall, planned.a_id or str(gtsam.symbolIndex(frame)))
+                factor = self._anchor, frame, wall, planned, inputs.anchor_of[wall]
+                entries |= self._place(key, planned.by, "a frame near the wall", planned.place, frame)
+                entries |= self._entry("anchor", key, planned.by, planned.why, *factor)
+            rooms = {room.id for room in inputs.rooms}
+            entries |= self._anchored_rooms(anchors, rooms) | self._anchored_levels(anchors, inputs.anchor_of_level)
         self._log.hold(len(self._keyframes), "anchor", entries, "the anchoring withdrew or changed it")
 
-    def directions(self, anchors: Anchors, anchor_of: dict[int, int]) -> Iterator[gtsam.NonlinearFactor]:
+    def _place(self, key: Key, by: str, why: str, place: Floats, frame: int) -> dict[Key, Entry]:
+        return self._entry("anchor", (*key, "place"), by, why, factors.frame_at, place, BIM, frame)
+
+    def directions(self, inputs: GraphInputs) -> Iterator[gtsam.NonlinearFactor]:
         """The anchors of walls by their directions alone, for a graph with anchors that leaves their places to other
         factors."""
-        for number, (wall, planned) in enumerate(planned_walls(anchors, anchor_of), len(anchors.elevations)):
-            yield self._anchor(W(number), wall, planned, anchor_of[wall], _FREE)
+        for frame, wall, planned in _frames(inputs):
+            yield self._anchor(frame, wall, planned, inputs.anchor_of[wall], _FREE)
 
     def _anchor(
         self, frame: int, wall: int, planned: PlannedWall, anchor: int, sigma_offset: float | None = None
@@ -228,7 +223,7 @@ class GraphBuilder:
         places, and then by the next ones; a wall that was built elsewhere hardly pulls."""
         settings = self._config.anchors
         sigmas = settings.sigma_normal, settings.sigma_offset if sigma_offset is None else sigma_offset
-        noise = factors.redescending_noise_of_plane(*sigmas, _REDESCENDING)
+        noise = factors.redescending_noise_of_plane(*sigmas, _OUTLIER)
         plane = factors.plane_from(planned.place, planned.plane)
         return factors.anchor_plane(plane, frame, X(anchor), P(wall), noise)
 
@@ -237,24 +232,34 @@ class GraphBuilder:
         sigmas, why = (settings.sigma_normal, settings.sigma_room), "two of its walls stand at those of a planned room"
         for room, T_bim_room in anchors.rooms.items():
             if room in rooms:
-                build = partial(factors.anchor_room, T_bim_room, BIM, R(room), *sigmas)
-                entries |= self._entry("anchor", ("room", room), anchors.by, why, build)
+                factor = factors.anchor_room, T_bim_room, BIM, R(room), *sigmas
+                entries |= self._entry("anchor", ("room", room), anchors.by, why, *factor)
         return entries
 
     def _anchored_levels(self, anchors: Anchors, anchor_of: dict[int, int]) -> dict[Key, Entry]:
-        settings, entries = self._config.anchors, dict[Key, Entry]()
-        for number, (level, place_on) in enumerate(middles(anchors).items()):
-            if level not in anchor_of:
-                continue
-            place = partial(factors.frame_at, place_on, BIM, W(number))
-            sigma = anchors.elevations[level][1]
-            noise = factors.noise_of_plane(settings.sigma_normal, sigma, self._config.backend.huber)
-            side = 1.0 if self._is_floor[level] else -1.0
-            held = partial(factors.storey_plane, 0.0, W(number), X(anchor_of[level]), F(level), noise, side)
-            key: Key = ("level", level)
-            entries |= self._entry("anchor", (*key, "place"), anchors.by, "a frame on the planned surface", place)
-            entries |= self._entry("anchor", key, anchors.by, "the planned height of a floor or ceiling", held)
+        entries = dict[Key, Entry]()
+        for number, (level, place) in enumerate(middles(anchors).items()):
+            if level in anchor_of:
+                noise = self._plane_noise(self._config.anchors.sigma_normal, anchors.elevations[level][1])
+                side = 1.0 if self._is_floor[level] else -1.0
+                factor = factors.storey_plane, 0.0, W(number), X(anchor_of[level]), F(level), noise, side
+                key, why = ("level", level), "the planned height of a floor or ceiling"
+                entries |= self._place(key, anchors.by, "a frame on the planned surface", place, W(number))
+                entries |= self._entry("anchor", key, anchors.by, why, *factor)
         return entries
+
+
+def _frames(inputs: GraphInputs) -> Iterator[tuple[int, int, PlannedWall]]:
+    """The key of the frame near each anchored wall, the wall's number, and the planned one."""
+    assert inputs.anchors is not None
+    for number, own in enumerate(planned_walls(inputs.anchors, inputs.anchor_of), len(inputs.anchors.elevations)):
+        yield W(number), *own
+
+
+def _loop(closure: Closure) -> gtsam.NonlinearFactor:
+    noise = factors.noise_of_covariance(closure.covariance, _OUTLIER)
+    T_earlier_later = gtsam.Pose3(closure.T_earlier_later)
+    return gtsam.BetweenFactorPose3(X(closure.earlier), X(closure.later), T_earlier_later, noise)
 
 
 def _fixed(key: int, pose: Floats) -> gtsam.NonlinearFactor:

@@ -1,6 +1,7 @@
 """The variables of the graph: their keys, and their values when an optimisation begins."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 
 import gtsam
 import numpy as np
@@ -29,15 +30,15 @@ def planned_walls(anchors: Anchors, anchor_of: dict[int, int]) -> list[tuple[int
 
 @dataclass(frozen=True)
 class GraphInputs:
-    """The inputs of one optimisation: observations of walls and of level surfaces, the keyframe in whose frame each of
-    these is estimated, rooms and anchors. The observations are copies, since they are relabelled later."""
+    """The inputs of one optimisation: observations of walls and of level surfaces, rooms and anchors; and the keyframe
+    in whose frame each wall and each level surface is estimated."""
 
-    seen: list[SeenWall]
-    anchor_of: dict[int, int]
-    levels: list[SeenLevel]
-    anchor_of_level: dict[int, int]
-    rooms: list[RoomNode]
-    anchors: Anchors | None
+    seen: list[SeenWall] = field(default_factory=list)
+    levels: list[SeenLevel] = field(default_factory=list)
+    rooms: list[RoomNode] = field(default_factory=list)
+    anchors: Anchors | None = None
+    anchor_of: dict[int, int] = field(default_factory=dict)
+    anchor_of_level: dict[int, int] = field(default_factory=dict)
 
     @property
     def planned(self) -> dict[int, PlannedWall]:
@@ -49,9 +50,12 @@ class GraphInputs:
 
 
 def start_values(
-    graph: gtsam.NonlinearFactorGraph, inputs: GraphInputs, keyframes: list[KeyframeNode],
-    planes_in_map: dict[int, Floats], levels_in_map: dict[int, Floats],
-) -> gtsam.Values:  # fmt: skip
+    graph: gtsam.NonlinearFactorGraph,
+    inputs: GraphInputs,
+    keyframes: list[KeyframeNode],
+    planes_in_map: dict[int, Floats],
+    levels_in_map: dict[int, Floats],
+) -> gtsam.Values:
     """Start values of the variables of `graph`: the present estimates, else the first observation of each.
 
     Variables with neither are left out.
@@ -59,24 +63,12 @@ def start_values(
     found: dict[int, gtsam.Pose3 | gtsam.OrientedPlane3] = dict.fromkeys([IDENTITY, SAME, LEVEL], gtsam.Pose3())
     found[GROUND] = gtsam.OrientedPlane3(0.0, 0.0, 1.0, 0.0)
     found |= {X(i): gtsam.Pose3(keyframe.T_map_sensor) for i, keyframe in enumerate(keyframes)}
-    for level in inputs.levels:
-        anchor = inputs.anchor_of_level[level.level]
-        if F(level.level) not in found and np.isfinite(level.plane).all():
-            known = levels_in_map.get(level.level)
-            in_map = transform_planes(keyframes[level.keyframe].T_map_sensor, level.plane) if known is None else known
-            T_anchor_map = inverse(keyframes[anchor].T_map_sensor)
-            found[F(level.level)] = gtsam.OrientedPlane3(transform_planes(T_anchor_map, in_map))
-    for s in inputs.seen:
-        keeper = inputs.anchor_of.get(s.wall)
-        if keeper is not None and P(s.wall) not in found and np.isfinite(s.plane).all():
-            known = planes_in_map.get(s.wall)
-            in_map = transform_planes(keyframes[s.keyframe].T_map_sensor, s.plane) if known is None else known
-            T_anchor_map = inverse(keyframes[keeper].T_map_sensor)
-            found[P(s.wall)] = gtsam.OrientedPlane3(transform_planes(T_anchor_map, in_map))
+    levels = _planes(((s.level, s) for s in inputs.levels), inputs.anchor_of_level, keyframes, levels_in_map)
+    walls = _planes(((s.wall, s) for s in inputs.seen), inputs.anchor_of, keyframes, planes_in_map)
+    found |= {F(level): plane for level, plane in levels.items()} | {P(wall): plane for wall, plane in walls.items()}
     for room in inputs.rooms:
         found[R(room.id)] = gtsam.Pose3(room.T_map_room)
-    anchors = inputs.anchors
-    if anchors is not None:
+    if (anchors := inputs.anchors) is not None:
         found[BIM] = bim = gtsam.Pose3(anchors.T_map_local)
         places = [p.place for _, p in planned_walls(anchors, inputs.anchor_of)]
         for number, place in enumerate([*middles(anchors).values(), *places]):
@@ -86,3 +78,18 @@ def start_values(
         if key in found:
             values.insert(key, found[key])
     return values
+
+
+def _planes(
+    seen: Iterable[tuple[int, SeenWall | SeenLevel]],
+    anchor_of: dict[int, int],
+    keyframes: list[KeyframeNode],
+    known: dict[int, Floats],
+) -> dict[int, gtsam.OrientedPlane3]:
+    """The planes of surfaces by number, each in the frame of its keyframe."""
+    in_map = {number: plane for number, plane in known.items() if number in anchor_of}
+    for number, s in seen:
+        if number in anchor_of and number not in in_map and np.isfinite(s.plane).all():
+            in_map[number] = transform_planes(keyframes[s.keyframe].T_map_sensor, s.plane)
+    T_anchor_map = {number: inverse(keyframes[anchor_of[number]].T_map_sensor) for number in in_map}
+    return {n: gtsam.OrientedPlane3(transform_planes(T_anchor_map[n], plane)) for n, plane in in_map.items()}

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sgslam.backend.variables import BIM
 from sgslam.config import AnchorSettings
-from sgslam.config.sensor import RANGE_NOISE
+from sgslam.config.sensor import SENSOR
 from sgslam.geometry.frames import inverse
 from sgslam.mapping.wall_points import Faces, WallPoints
 
@@ -27,7 +27,7 @@ def point_factors(
 ) -> Iterator[gtsam.NonlinearFactor]:
     """A linear factor for each mean of points: n . p + d = the wall's offset V(wall), where p follows the keyframe's
     pose T_map_sensor and T_map_local, both at their `values`. Points of a face in one keyframe share an error."""
-    sigma = np.hypot(RANGE_NOISE / np.sqrt(seen.count), settings.sigma_extraction)
+    sigma = np.hypot(SENSOR.range_noise / np.sqrt(seen.count), settings.sigma_extraction)
     for i, (face, keyframe) in enumerate(zip(seen.face.tolist(), seen.keyframe.tolist(), strict=True)):
         T_sensor_bim = values.atPose3(X(keyframe)).inverse().compose(values.atPose3(BIM)).matrix()
         # at the sensor's height: walls are not so plumb that the mean of some points would show the sensor's tilt

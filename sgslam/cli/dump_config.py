@@ -15,9 +15,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, metavar="FILE", help="output file (default: standard output)")
     options = parser.parse_args(arguments)
     from data.common.files import write_atomically
-    from sgslam.config.dump import documented_yaml
+    from sgslam.config.documented import documented_yaml, parameters_page
     from sgslam.config.loading import load_config
-    from sgslam.config.reference import parameters_page
 
     config = load_config(options.config, options.set)
     text = parameters_page(config) if options.markdown else documented_yaml(config)

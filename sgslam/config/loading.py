@@ -9,7 +9,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from data import UserError
-from sgslam.config.fields import meaning
+from sgslam.config.documented import meaning
 from sgslam.config.models import Config
 
 _PLAIN = {  # in the words of a settings file, where pydantic speaks of Python

@@ -1,17 +1,69 @@
-"""The settings of a run; pydantic checks types and bounds.
-
-A description begins with the unit, if the setting has one, and is a whole phrase.
-"""
+"""The configuration: all settings of a run but those of tracking."""
 
 from typing import Literal
 
 from pydantic import Field
 
-from sgslam.config.base import Settings
-from sgslam.config.imu_settings import ImuSettings
-from sgslam.config.loop_settings import LoopSettings
-from sgslam.config.quality_settings import QualitySettings
-from sgslam.config.tracking_settings import FloorSettings, TrackingSettings
+from sgslam.config.tracking_settings import FloorSettings, Settings, TrackingSettings
+
+
+class ImuSettings(Settings):
+    """Pose of an IMU on the LiDAR, and its errors; only used if IMU samples are given."""
+
+    rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """degrees, roll, pitch and yaw of the IMU in the LiDAR's axes, turned about x, then y, then z"""
+    translation: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """m, position of the IMU in the LiDAR's axes; an error of a few centimetres does no harm"""
+    gyro_noise: float = Field(5e-3, gt=0)
+    """rad/s/sqrt(Hz), noise density of the gyroscope; far above a chip's, to cover errors of its scale and of
+    `rotation`: a hundredth of a quick turn"""
+    gyro_bias: float = Field(0.02, gt=0)
+    """rad/s, standard deviation of the gyroscope's bias at the beginning; data sheets say 0.01 to 0.02"""
+    accel_error: float = Field(0.5, gt=0)
+    """m/s2, standard deviation of the mean acceleration between two knots, bias excluded: a tilt of 1 degree adds 0.17,
+    a `translation` that is off by 5 cm adds 0.5 in a quick hand"""
+    accel_bias: float = Field(0.2, gt=0)
+    """m/s2, standard deviation of the accelerometer's bias at the beginning; data sheets say 0.1 to 0.4"""
+
+
+class LoopSettings(Settings):
+    """When loop closures are searched for."""
+
+    enabled: bool = True
+    """close loops where the map is not anchored or the odometry may have slipped"""
+    gap: float = Field(15.0, gt=0)
+    """m, minimum path length between two passes of a place"""
+    drift: float = Field(0.03, gt=0)
+    """maximum drift between two passes, in metres per metre of path between them"""
+    most_drift: float = Field(4.0, gt=0)
+    """m, upper limit of the drift within which a place is searched for"""
+
+
+class QualitySettings(Settings):
+    """Limits of the signals that tell a sound map from one that was lost."""
+
+    map_against_odometry: float = Field(0.01, gt=0)
+    """maximum difference between the trajectories of map and odometry, as a share of the path length; 0.001 in sound
+    maps, 0.02 in lost ones"""
+    lost_scans: float = Field(0.05, ge=0, le=1)
+    """maximum share of scans that are lost"""
+    unplaced_scans: float = Field(0.05, ge=0, le=1)
+    """maximum share of scans in submaps that were not placed, whose poses are in separate frames"""
+    keyframes_without_walls: float = Field(0.3, ge=0, le=1)
+    """maximum share of keyframes that see no wall; 0.02 in sound maps, 0.6 to 0.9 in lost ones"""
+    walls_per_keyframe: float = Field(3.0, ge=0)
+    """minimum mean number of walls that a keyframe sees; 5 to 13 in sound maps, 0.3 to 2 in lost ones"""
+    anchored_position: float = Field(0.5, gt=0)
+    """m, maximum position error of an anchored scan along each axis; enough to tell the room"""
+    anchored_attitude: float = Field(5.0, gt=0)
+    """degrees, maximum attitude error of an anchored scan about each axis"""
+    anchored_probability: float = Field(0.99, gt=0, lt=1)
+    """minimum probability that all errors of an anchored scan are within these limits, a conformance probability as
+    JCGM 106:2012 defines it; of scans at the minimum, one in a hundred is off by more"""
+    position_sigma: float = Field(0.2, gt=0)
+    """m, maximum of the 95 % quantile of the positions' standard deviations"""
+    place_probability: float = Field(0.9, gt=0, lt=1)
+    """minimum probability that the map is sound and at its place in the plan"""
 
 
 class OdometrySettings(Settings):

@@ -1,11 +1,16 @@
-"""The settings of tracking: registration in continuous time, its health, times of points, gravity, floors."""
+"""The base of all settings, and those of tracking: registration, its health, times of points, gravity, floors."""
 
 from typing import Literal
 
-from pydantic import Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from data.scans.point_times import Stamped
-from sgslam.config.base import Settings
+
+
+class Settings(BaseModel):
+    """Settings are frozen, unknown names are refused, and the docstring below a field describes it."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
 
 class TrackingSettings(Settings):

@@ -76,9 +76,12 @@ def yaw_errors(estimate: Array, truth: Array) -> Array:
 
 
 def accuracy(
-    trajectory_in_bim: Trajectory | None, trajectory_map: Trajectory, odometry: Trajectory | None,
-    truth_in_bim: Trajectory, tolerance_ns: int = TOLERANCE_NS,
-) -> dict[str, Any]:  # fmt: skip
+    trajectory_in_bim: Trajectory | None,
+    trajectory_map: Trajectory,
+    odometry: Trajectory | None,
+    truth_in_bim: Trajectory,
+    tolerance_ns: int = TOLERANCE_NS,
+) -> dict[str, Any]:
     """The `accuracy` of metrics.json: metres and degrees over the poses that match a true pose in time.
 
     `trajectory_in_bim` is None where the run was not anchored, and the three `..._bim_...` are None then.

@@ -1,9 +1,8 @@
 """An IMU beside the LiDAR: its newest samples, how the sensor moved by them, and where up is."""
 
 from sgslam.inertial.buffer import ImuBuffer
-from sgslam.inertial.measured_motion import MeasuredMotion
+from sgslam.inertial.measured_motion import MeasuredMotion, measured_up
 from sgslam.inertial.preintegration import NO_STEPS, Changes, Steps, no_changes, steadied
-from sgslam.inertial.vertical import measured_up
 
 __all__ = [
     "NO_STEPS",

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.config.loop_settings import LoopSettings
+from sgslam.config.models import LoopSettings
 from sgslam.geometry.frames import angle_of, inverse, transform_points
 from sgslam.loops.pass_alignment import INLIER, SeenSpace, Submap, covariance_of, level_frame, register, search
 from sgslam.mapping import Closure, KeyframeClouds, KeyframeNode, WallMap

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from sgslam.config.sensor import RANGE_NOISE
+from sgslam.config.sensor import SENSOR
 from sgslam.geometry.frames import inverse, se2_to_se3, squared_up, transform_points
-from sgslam.mapping.free_space import Grid
+from sgslam.mapping.rooms import Grid
 
 Floats = NDArray[np.float64]
 _CELL = 0.1  # m
@@ -25,9 +25,9 @@ _OVERLAP = 0.5  # least share of the points that lie in known space
 _VOXEL, _NEIGHBOURS = 0.15, 20  # m; points of a normal: with fewer, noise makes a bare wall hold along itself
 _DISTANCES = 0.5, 0.2  # m between corresponding points, at first and at last
 _FEWEST = 50  # points of a pass
-INLIER = 4 * RANGE_NOISE  # m between points of one surface, along its normal: both have noise
+INLIER = 4 * SENSOR.range_noise  # m between points of one surface, along its normal: both have noise
 _UPRIGHT = float(np.sin(np.radians(10.0)))  # of a wall's normal and the plane: normals of few points err by degrees
-_CORRELATED = 100.0  # points that share one error, of RANGE_NOISE
+_CORRELATED = 100.0  # points that share one error, of SENSOR.range_noise
 
 
 @dataclass(frozen=True)
@@ -176,7 +176,7 @@ def register(target: Submap, source: Submap, guess: Floats) -> Registration | No
     H = _information(T, points[known][inlying], normals[inlying])
     about = H[3:, 3:] - H[3:, :3] @ np.linalg.pinv(H[:3, :3]) @ H[:3, 3:]  # of the motion, whatever the rotation
     held = float(np.linalg.eigvalsh(about[:2, :2])[0]) / inlying.sum()
-    return Registration(T, H / _CORRELATED / RANGE_NOISE**2, float(inlying.mean()), held)
+    return Registration(T, H / _CORRELATED / SENSOR.range_noise**2, float(inlying.mean()), held)
 
 
 def _information(T: Floats, points: Floats, normals: Floats) -> Floats:

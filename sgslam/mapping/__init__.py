@@ -1,20 +1,17 @@
 """The map: keyframes, walls, rooms, floors, and the S-graph made of them."""
 
-from sgslam.mapping.estimates import Estimates
 from sgslam.mapping.floor_transition import FloorTransition
 from sgslam.mapping.floors import FloorMap, Floors
-from sgslam.mapping.graph_nodes import Anchors, Closure, PlannedWall, RoomNode
 from sgslam.mapping.keyframe_clouds import KeyframeClouds
-from sgslam.mapping.keyframes import SMOOTHED, KeyframeNode, KeyframeRule
+from sgslam.mapping.keyframes import SMOOTHED, Anchors, Closure, KeyframeNode, KeyframeRule, PlannedWall, RoomNode
 from sgslam.mapping.level_map import LevelMap, SeenLevel
 from sgslam.mapping.scene import Scene
-from sgslam.mapping.wall_map import Lines, SeenWall, WallMap
+from sgslam.mapping.wall_map import SeenWall, WallMap
 
 __all__ = [
     "SMOOTHED",
     "Anchors",
     "Closure",
-    "Estimates",
     "FloorMap",
     "FloorTransition",
     "Floors",
@@ -22,7 +19,6 @@ __all__ = [
     "KeyframeNode",
     "KeyframeRule",
     "LevelMap",
-    "Lines",
     "PlannedWall",
     "RoomNode",
     "Scene",

@@ -6,13 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.config import FloorSettings
+from sgslam.config.sensor import BUILDING, CARRIER
 from sgslam.mapping.floors import FloorMap, Floors
 
 Floats = NDArray[np.float64]
-_LEFT = 0.6  # m of height by which a floor is left; more than a raised floor and a hand's sway
-_FLAT = 0.2  # m, change of the height over level ground of a sensor that is carried
-_LEVEL_WAY = 2.0  # m of level path after which a climb has ended; a landing is shorter
-_DRIFT = 0.15  # of the climbed height, twice the standard deviation of what a climb drifts
 _MOST = 1000  # places since the floor was left that are looked at, more than a minute on a landing
 
 
@@ -47,7 +44,7 @@ class FloorTransition:
         """Adds a pose (4, 4) in the level frame of the present floor; returns the arrival on a floor, if any."""
         here = np.array([*T_level_sensor[:2, 3], T_level_sensor[2, 3] - self.height])
         if not self.active:
-            self.active = abs(here[2] - self.ground) > _LEFT
+            self.active = abs(here[2] - self.ground) > BUILDING.raised
             self._way = here[None]
             self._lowest = self._highest = float(here[2])
             return None
@@ -55,21 +52,22 @@ class FloorTransition:
         way = np.vstack([self._way, here])
         back = way[::-1, 2]
         climb = (np.maximum.accumulate(back) - np.minimum.accumulate(back))[::-1]  # from each place to here
-        way = way[np.searchsorted(-climb, -2 * _FLAT) :]
+        way = way[np.searchsorted(-climb, -2 * BUILDING.uneven) :]
         self._way = way if len(way) <= _MOST else way[::2]
-        uneven = np.flatnonzero(np.abs(way[:, 2] - here[2]) > _FLAT)
+        uneven = np.flatnonzero(np.abs(way[:, 2] - here[2]) > BUILDING.uneven)
         since = way[uneven[-1] + 1 :] if len(uneven) else way
-        if float(np.linalg.norm(since[:, :2] - here[:2], axis=1).max()) < _LEVEL_WAY:
+        if float(np.linalg.norm(since[:, :2] - here[:2], axis=1).max()) < BUILDING.landing:
             return None
         return self._arrival(float(np.median(since[:, 2])), self._highest - self._lowest, T_level_map, floors)
 
     def _arrival(self, ground: float, climbed: float, T_level_map: Floats, floors: Floors) -> Arrival:
         """The arrival on ground of this height, after so many metres of climbing."""
         settings = self._settings
-        known = {floor.number: _height_of(floor, T_level_map) for floor in floors.maps}
+        # all floors are parallel: the heights (m) above that of `T_level_map`
+        known = {floor.number: float(T_level_map[2, 3] - floor.walls.T_level_map[2, 3]) for floor in floors.maps}
         nearest = min(known, key=lambda number: abs(known[number] - ground))
         above = ground - known[nearest]
-        drift = _DRIFT * climbed
+        drift = CARRIER.climb_drift * climbed
         if abs(above) < settings.home + drift:
             return Arrival(floors.maps[nearest], 0.0, drift)
         return Arrival(None, ground) if abs(above) > settings.storey else Arrival(floors.maps[nearest], above)
@@ -77,8 +75,3 @@ class FloorTransition:
     def end(self, arrival: Arrival) -> None:
         """Ends the transition: the sensor is over level ground again."""
         self.active, self.ground = False, 0.0 if arrival.floor is None else arrival.height
-
-
-def _height_of(floor: FloorMap, T_level_map: Floats) -> float:
-    """Height (m) of a floor above that of `T_level_map` (4, 4); all floors are parallel."""
-    return float(T_level_map[2, 3] - floor.walls.T_level_map[2, 3])

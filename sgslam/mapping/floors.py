@@ -1,6 +1,7 @@
 """The floors of a run: walls and scene of each, and the S-graph of all floors."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,16 +10,28 @@ from data import Keyframe, SceneGraph
 from data.geometry.poses import poses_to_xyzquat
 from sgslam.config import Config
 from sgslam.geometry.frames import level_map
-from sgslam.mapping.estimates import Estimates
-from sgslam.mapping.graph_nodes import RoomNode
-from sgslam.mapping.keyframes import KeyframeNode
-from sgslam.mapping.level_map import LevelMap, LevelRegister, SeenLevel
+from sgslam.mapping.keyframes import KeyframeNode, RoomNode
+from sgslam.mapping.level_map import LevelMap, Register, SeenLevel
 from sgslam.mapping.scene import Scene, build_scene
-from sgslam.mapping.wall_map import SeenWall, WallMap, WallRegister
+from sgslam.mapping.wall_map import SeenWall, WallMap
 
 Floats = NDArray[np.float64]
 _SCENE, _UNPLACED = 16, 3  # keyframes between two segmentations of rooms, and while the map is not placed
 _GROWTH = 0.25  # of the keyframes of a floor, by which it grows between them
+
+
+class Estimates(Protocol):
+    """What the map takes from the factor graph, in the map frame: keyframes in the order in which they were taken, and
+    the planes (4,) of walls and level surfaces by number."""
+
+    keyframes: list[KeyframeNode]
+    planes_in_map: dict[int, Floats]
+    levels_in_map: dict[int, Floats]
+
+    @property
+    def poses(self) -> Floats:
+        """(K, 4, 4) T_map_sensor of all keyframes."""
+        ...
 
 
 @dataclass
@@ -26,8 +39,7 @@ class FloorMap:
     """One floor of the S-graph: its walls and level surfaces.
 
     `plane_in_map` (4,) is that of the floor itself, None until it was seen; `sensor_height` (m) is the sensor's usual
-    one above it, as far as known. `scene` holds the rooms and wall surfaces of
-    the last `cut`, None before.
+    one above it, as far as known. `scene` holds the rooms and wall surfaces of the last `cut`, None before.
     """
 
     number: int
@@ -53,18 +65,13 @@ class FloorMap:
         """Updates `scene`: segments the rooms and the wall surfaces again."""
         self.scene = self.scene_now(estimates, config)
 
-    def relabel(self) -> None:
-        """Updates the wall numbers in `scene` after walls were joined."""
-        if self.scene is not None:
-            self.scene = self.scene.relabelled(self.walls.current)
-
 
 class Floors:
     """All floors in the order of their first observation; `current` is the robot's, or on a stair the one it left."""
 
     def __init__(self, config: Config) -> None:
         self._config = config
-        self.register, self.level_register = WallRegister(), LevelRegister()
+        self.register, self.level_register = Register(), Register()
         self.maps: list[FloorMap] = []
         self.current = self.begin()
 
@@ -114,15 +121,18 @@ class Floors:
             floor.walls.refresh(estimates.poses, estimates.planes_in_map, T_level_map)
             if not last and floor.walls.split_steps():
                 floor.walls.refresh(estimates.poses, estimates.planes_in_map, T_level_map)
-            if floor.walls.join_duplicates():
-                floor.relabel()
+            if floor.walls.join_duplicates() and floor.scene is not None:
+                floor.scene = floor.scene.relabelled(floor.walls.current)
 
     def graph(self, keyframes: list[KeyframeNode], scenes: list[Scene]) -> SceneGraph:
         """The S-graph of all `scenes` in the map frame, with the keyframes on stairs."""
         graphs = [scene.graph for scene in scenes]
-        taken = [*(k for g in graphs for k in g.keyframes), *_on_stairs(keyframes)]
-        if len(graphs) == 1 and all(k.storey is not None for k in keyframes):
+        between = {i: k for i, k in enumerate(keyframes) if k.storey is None}
+        if len(graphs) == 1 and not between:
             return graphs[0]
+        poses = {i: tuple(poses_to_xyzquat(k.T_map_sensor).tolist()) for i, k in between.items()}
+        on_stairs = [Keyframe(f"k{i}", k.stamp_ns, poses[i]) for i, k in between.items()]
+        taken = [*(k for g in graphs for k in g.keyframes), *on_stairs]
         return SceneGraph(
             "map",
             tuple(room for g in graphs for room in g.rooms),
@@ -131,10 +141,3 @@ class Floors:
             tuple(floor for g in graphs for floor in g.floors),
             tuple(sorted(taken, key=lambda k: k.stamp_ns)),
         )
-
-
-def _on_stairs(keyframes: list[KeyframeNode]) -> list[Keyframe]:
-    return [
-        Keyframe(f"k{i}", k.stamp_ns, tuple(poses_to_xyzquat(k.T_map_sensor[None])[0].tolist()))
-        for i, k in enumerate(keyframes) if k.storey is None
-    ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Keyframes: their data, and the rule that takes one."""
+"""The inputs of the back end but surfaces: keyframes, and the rule that takes one; rooms, loop closures, anchors."""
 
 from dataclasses import dataclass, field
 
@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.config import KeyframeSettings, OdometrySettings
-from sgslam.geometry.frames import inverse
+from sgslam.geometry.frames import angle_of, inverse
 
 Floats = NDArray[np.float64]
+Floats32 = NDArray[np.float32]  # of what there is much of
 SMOOTHED = 0.6  # times a step's standard deviations after a second pass; measured 0.4 to 0.9 in 16 drives
 _STANDING = 50  # scans from keyframe to keyframe while the sensor stands; doubled after each
-Floats32 = NDArray[np.float32]  # of what there is much of
 
 
 @dataclass
@@ -59,7 +59,7 @@ class KeyframeRule:
         if self._last is not None:
             step = inverse(self._last) @ T_map_sensor
             distance = float(np.linalg.norm(step[:3, 3]))
-            angle = float(np.arccos(np.clip((np.trace(step[:3, :3]) - 1) / 2, -1.0, 1.0)))
+            angle = angle_of(step)
             still = distance < 0.05 and angle < 0.05
             # further keyframes at one place add little: an hour of standing still must not fill the map
             limit = _STANDING << self._stood if still else self._settings.scans
@@ -67,3 +67,60 @@ class KeyframeRule:
                 return False
         self._last, self._scans, self._stood = T_map_sensor, 0, self._stood + 1 if still else 0
         return True
+
+
+@dataclass(frozen=True)
+class RoomNode:
+    """A room of the S-graph: its pose T_map_room (4, 4) and the walls that bound it, planes (4,) in its frame."""
+
+    id: int
+    T_map_room: Floats
+    walls: dict[int, Floats]
+
+
+@dataclass(frozen=True)
+class Closure:
+    """A loop closure: keyframe `later` revisits the place of keyframe `earlier`.
+
+    T_earlier_later (4, 4) has a covariance (6, 6), rotation first, in the later one's axes. `correction` (m) and `turn`
+    (rad) are its correction of the map; `by` is what proposed it, `why` the reason to accept it.
+    """
+
+    earlier: int
+    later: int
+    T_earlier_later: Floats
+    covariance: Floats
+    correction: float
+    turn: float
+    by: str
+    why: str
+
+
+@dataclass(frozen=True)
+class PlannedWall:
+    """A planned plane (4,) and the place (3,) near it where the wall was seen, both in the BIM frame.
+
+    `by` is what paired wall and plane, `why` the reason. `wall` names the planned wall that the plane is a face of,
+    empty where that is not known.
+    """
+
+    plane: Floats
+    place: Floats
+    a_id: str = ""
+    by: str = "given"
+    why: str = ""
+    wall: str = ""
+
+
+@dataclass(frozen=True)
+class Anchors:
+    """The anchors of the S-graph to the BIM: walls and rooms by number, in a local frame near the building.
+
+    `planes` has all walls that stand near a planned one, whether they agree with it or not.
+    """
+
+    T_map_local: Floats
+    planes: dict[int, list[PlannedWall]]
+    rooms: dict[int, Floats]  # room -> T_bim_room (4, 4)
+    elevations: dict[int, tuple[float, float]]  # m, planned heights of level surfaces by number, and their sigmas
+    by: str = "given"  # origin of the storey and the rooms

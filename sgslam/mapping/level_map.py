@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.config import LevelSettings
+from sgslam.config.sensor import BUILDING
 from sgslam.geometry.frames import transform_planes, transform_points
 from sgslam.perception import LevelObservation
 from sgslam.perception.level_extraction import CELL, middles_of_cells
 
 Floats = NDArray[np.float64]
-_REACH = 3.0  # m between two places of one ceiling: the height may differ from room to room
 _FLOOR_SHARE = 0.25  # of the largest level surface seen from above, the least area of the floor
 
 
@@ -29,16 +29,21 @@ class SeenLevel:
     sigma_offset: float
 
 
-class LevelRegister:
-    """The numbering that the level maps of all floors share: `levels` is the count of numbered ones."""
+class Register:
+    """The numbering of walls or level surfaces that the maps of all floors share.
+
+    `count` of them are numbered; `order` is the floor of each observation of a wall, in the order in which they were
+    made.
+    """
 
     def __init__(self) -> None:
-        self.levels = 0
+        self.order: list[int] = []
+        self.count = 0
 
     def number(self) -> int:
-        """A new level's number."""
-        self.levels += 1
-        return self.levels - 1
+        """A new number."""
+        self.count += 1
+        return self.count - 1
 
 
 @dataclass(frozen=True)
@@ -60,7 +65,7 @@ class LevelMap:
     since this storey's floor was last seen.
     """
 
-    def __init__(self, settings: LevelSettings, register: LevelRegister) -> None:
+    def __init__(self, settings: LevelSettings, register: Register) -> None:
         self._settings, self._register = settings, register
         self.seen: list[SeenLevel] = []
         self.planes_in_map: dict[int, Floats] = {}
@@ -98,7 +103,7 @@ class LevelMap:
     def _ceilings_near(self, centre: Floats) -> set[int]:
         """The ceilings that were seen near a point (3,) in the map."""
         ceilings = {level: places for level, places in self._places.items() if level not in self._floors}
-        reach = _REACH**2
+        reach = BUILDING.ceiling_reach**2
         return {k for k, places in ceilings.items() if ((places - centre)[:, :2] ** 2).sum(axis=1).min() < reach}
 
     def _join(self, level: int, places: Floats, is_floor: bool) -> None:

@@ -10,10 +10,8 @@ from data import Door, Floor, Keyframe, Room, SceneGraph, WallSurface
 from data.geometry.poses import poses_to_xyzquat
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, se2_to_se3, transform_planes, transform_points
-from sgslam.mapping.free_space import free_space
-from sgslam.mapping.graph_nodes import RoomNode
-from sgslam.mapping.keyframes import KeyframeNode
-from sgslam.mapping.rooms import Segmentation, segment
+from sgslam.mapping.keyframes import KeyframeNode, RoomNode
+from sgslam.mapping.rooms import Segmentation, free_space, segment
 from sgslam.mapping.wall_map import WallMap
 
 Floats = NDArray[np.float64]
@@ -38,34 +36,6 @@ class Scene:
         return replace(self, wall_of_surface=wall_of, rooms=rooms)
 
 
-@dataclass(frozen=True)
-class Names:
-    """The ids of the parts of one floor's S-graph, unique over the floors of a run."""
-
-    storey: int
-
-    @property
-    def floor(self) -> str:
-        """The floor's id."""
-        return f"floor-{self.storey}"
-
-    def room(self, label: int) -> str:
-        """A room's id."""
-        return f"r{label}{self._suffix}"
-
-    def node(self, label: int) -> int:
-        """The number of a room's node."""
-        return self.storey * _MOST_ROOMS + label
-
-    def door(self, number: int) -> str:
-        """A door's id."""
-        return f"d{number}{self._suffix}"
-
-    @property
-    def _suffix(self) -> str:
-        return f"f{self.storey}" if self.storey else ""
-
-
 def build_scene(
     keyframes: list[KeyframeNode], walls: WallMap, floor_in_map: Floats | None, config: Config, storey: int = 0
 ) -> Scene:
@@ -73,26 +43,35 @@ def build_scene(
 
     Plan coordinates are those of the levelled map; `floor_in_map` (4,) is the floor's plane, None if not observed.
     """
-    names, T_level_map = Names(storey), walls.T_level_map
+    T_level_map, id_ = walls.T_level_map, f"floor-{storey}"
+    suffix = f"f{storey}" if storey else ""  # of ids, which are unique over the floors of a run
     own = {i: k for i, k in enumerate(keyframes) if k.storey == storey}
     T_level_sensor = T_level_map @ np.stack([k.T_map_sensor for k in own.values()])
     segmentation = _segment(own, walls, T_level_sensor, config)
-    surfaces, wall_of = _surfaces(walls, segmentation, names, config)
+    room_of = {room.label: f"r{room.label}{suffix}" for room in segmentation.rooms}
+    surfaces, wall_of = _surfaces(walls, segmentation, room_of, id_, config)
     rooms = tuple(
-        Room(names.room(r.label), _xy(r.centroid), names.floor, polygon=tuple(_xy(p) for p in r.polygon))
+        Room(room_of[r.label], _xy(r.centroid), id_, polygon=tuple(_xy(p) for p in r.polygon))
         for r in segmentation.rooms
     )
     doors = tuple(
-        Door(names.door(i), tuple(names.room(label) for label in p.rooms), _xy(p.middle))
+        Door(f"d{i}{suffix}", tuple(room_of[label] for label in p.rooms), _xy(p.middle))
         for i, p in enumerate(segmentation.passages)
     )
     elevation = 0.0 if floor_in_map is None else float(-floor_in_map[3] / floor_in_map[2])
-    graph = SceneGraph(
-        "map", rooms, tuple(surfaces), doors, (Floor(names.floor, "", elevation),),
-        _keyframes(own, walls, segmentation, T_level_sensor, wall_of, names),
-    )  # fmt: skip
-    nodes = [_node(graph, names, r.label, r.centroid, walls, wall_of) for r in segmentation.rooms]
-    return Scene(graph, wall_of, nodes, {names.node(r.label): names.room(r.label) for r in segmentation.rooms})
+    seen_from = _keyframes(
+        own, walls, wall_of, id_, [room_of.get(label) for label in segmentation.at(T_level_sensor[:, :2, 3]).tolist()]
+    )
+    graph = SceneGraph("map", rooms, surfaces, doors, (Floor(id_, "", elevation),), seen_from)
+    nodes = []
+    for room in segmentation.rooms:
+        T_map_room = inverse(T_level_map) @ se2_to_se3(0.0, *room.centroid)
+        T_room_map = inverse(T_map_room)
+        mine = [wall_of[w.id] for w in graph.surfaces_of_room[room_of[room.label]]]
+        in_room = {wall: transform_planes(T_room_map, walls.planes_in_map[wall]) for wall in mine}
+        nodes.append(RoomNode(storey * _MOST_ROOMS + room.label, T_map_room, in_room))
+    ids = dict(zip((node.id for node in nodes), room_of.values(), strict=True))
+    return Scene(graph, wall_of, nodes, ids)
 
 
 def _segment(own: dict[int, KeyframeNode], walls: WallMap, T: Floats, config: Config) -> Segmentation:
@@ -108,10 +87,10 @@ def _segment(own: dict[int, KeyframeNode], walls: WallMap, T: Floats, config: Co
 
 
 def _surfaces(
-    walls: WallMap, segmentation: Segmentation, names: Names, config: Config
-) -> tuple[list[WallSurface], dict[str, int]]:
+    walls: WallMap, segmentation: Segmentation, room_of: dict[int, str], floor: str, config: Config
+) -> tuple[tuple[WallSurface, ...], dict[str, int]]:
     """One surface for each room that a well-observed wall faces, and one for its longest part that faces none."""
-    lines = walls.lines_of_estimates()
+    lines = walls.lines
     covered = walls.coverage(_STEP)
     heights = walls.heights()
     surfaces: list[WallSurface] = []
@@ -123,21 +102,19 @@ def _surfaces(
         tangent = np.array([-normal[1], normal[0]])
         places = covered[wall]
         points = places[:, None] * tangent - lines.offset[row] * normal
-        facing = segmentation.grid.look_up(segmentation.labels, points + _INSIDE * normal)
+        facing = segmentation.at(points + _INSIDE * normal)
         for label, mine in _by_room(places, facing).items():
             if len(mine) * _STEP < config.surfaces.min_length:
                 continue
             low, high = mine.min() - _STEP / 2, mine.max() + _STEP / 2
             centre = (low + high) / 2 * tangent - lines.offset[row] * normal
-            name = f"w{wall}@{names.room(label)}" if label else f"w{wall}"
+            room, plane = room_of.get(label), tuple(walls.planes_in_map[wall].tolist())
+            name, length = f"w{wall}@{room}" if room else f"w{wall}", float(high - low)
             surfaces.append(
-                WallSurface(
-                    name, names.room(label) if label else None, _xy(centre), _xy(normal), float(high - low),
-                    names.floor, height=heights[wall], plane=tuple(walls.planes_in_map[wall].tolist()),
-                )
-            )  # fmt: skip
+                WallSurface(name, room, _xy(centre), _xy(normal), length, floor, height=heights[wall], plane=plane)
+            )
             wall_of[name] = wall
-    return surfaces, wall_of
+    return tuple(surfaces), wall_of
 
 
 def _by_room(places: Floats, facing: NDArray[np.int32]) -> dict[int, Floats]:
@@ -152,34 +129,20 @@ def _by_room(places: Floats, facing: NDArray[np.int32]) -> dict[int, Floats]:
 
 
 def _keyframes(
-    keyframes: dict[int, KeyframeNode], walls: WallMap, segmentation: Segmentation, T: Floats,
-    wall_of: dict[str, int], names: Names,
-) -> tuple[Keyframe, ...]:  # fmt: skip
+    keyframes: dict[int, KeyframeNode], walls: WallMap, wall_of: dict[str, int], floor: str, rooms: list[str | None]
+) -> tuple[Keyframe, ...]:
+    """The keyframes of a floor, with the surfaces that they saw; `rooms` are those that they are in."""
     surfaces: dict[int, list[str]] = {}
     for name, wall in wall_of.items():
         surfaces.setdefault(wall, []).append(name)
     observes: dict[int, set[str]] = {}
     for s in walls.seen:
         observes.setdefault(s.keyframe, set()).update(surfaces.get(s.wall, ()))
-    labels = segmentation.grid.look_up(segmentation.labels, T[:, :2, 3])
-    poses = poses_to_xyzquat(np.stack([k.T_map_sensor for k in keyframes.values()]))
+    poses = poses_to_xyzquat(np.stack([k.T_map_sensor for k in keyframes.values()])).tolist()
     return tuple(
-        Keyframe(
-            f"k{i}", k.stamp_ns, tuple(poses[row].tolist()), names.floor,
-            names.room(int(labels[row])) if labels[row] else None, tuple(sorted(observes.get(i, ()))),
-        )
-        for row, (i, k) in enumerate(keyframes.items())
-    )  # fmt: skip
-
-
-def _node(
-    graph: SceneGraph, names: Names, label: int, centroid: Floats, walls: WallMap, wall_of: dict[str, int]
-) -> RoomNode:
-    T_map_room = inverse(walls.T_level_map) @ se2_to_se3(0.0, *centroid)
-    T_room_map = inverse(T_map_room)
-    mine = [wall_of[w.id] for w in graph.surfaces_of_room[names.room(label)]]
-    in_room = {wall: transform_planes(T_room_map, walls.planes_in_map[wall]) for wall in mine}
-    return RoomNode(names.node(label), T_map_room, in_room)
+        Keyframe(f"k{i}", k.stamp_ns, tuple(pose), floor, room, tuple(sorted(observes.get(i, ()))))
+        for (i, k), pose, room in zip(keyframes.items(), poses, rooms, strict=True)
+    )
 
 
 def _xy(point: Floats) -> tuple[float, float]:

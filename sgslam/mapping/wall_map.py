@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.config import SurfaceSettings
+from sgslam.config.sensor import BUILDING
 from sgslam.geometry.frames import transform_planes, transform_points
+from sgslam.mapping.level_map import Register
 from sgslam.perception import WallObservation
 
 Floats = NDArray[np.float64]
 _GAP = 1.0  # m along, between a piece and the wall that it is of
-_JOIN_ANGLE, _JOIN_OFFSET = 0.1, 0.1  # rad and m between two walls that are one
+_JOIN_OFFSET = 0.1  # m between two walls that are one
 _STEP = 0.05  # m across, between the parts of a wall that are two
 
 
@@ -29,22 +31,6 @@ class SeenWall:
     heights: tuple[float, float]  # above the floor
     sigma_normal: float
     sigma_offset: float
-
-
-class WallRegister:
-    """The numbering that the wall maps of all floors share.
-
-    `order` is the floor of each observation in the order in which they were made, `walls` the count of numbered walls.
-    """
-
-    def __init__(self) -> None:
-        self.order: list[int] = []
-        self.walls = 0
-
-    def number(self) -> int:
-        """A new wall number."""
-        self.walls += 1
-        return self.walls - 1
 
 
 @dataclass(frozen=True)
@@ -74,9 +60,9 @@ class WallMap:
     are the back end's planes (4,) by wall number.
     """
 
-    def __init__(self, settings: SurfaceSettings, register: WallRegister | None = None, storey: int = 0) -> None:
+    def __init__(self, settings: SurfaceSettings, register: Register | None = None, storey: int = 0) -> None:
         self._settings = settings
-        self._register, self._storey = register or WallRegister(), storey
+        self._register, self._storey = register or Register(), storey
         self.seen: list[SeenWall] = []
         self.planes_in_map: dict[int, Floats] = {}
         self.T_level_map: Floats = np.eye(4)
@@ -84,7 +70,6 @@ class WallMap:
         self._intervals: list[tuple[int, float, float]] = []  # wall, low, high of each observation
         self._across, self._along = np.empty(0), np.empty(0)  # m, each observation's centre relative to its wall
         self._joined_into: dict[int, int] = {}
-        self._lines: Lines | None = None
 
     def level_by(self, T_level_map: Floats) -> None:
         """Sets T_level_map (4, 4), which puts the floor at z = 0."""
@@ -120,7 +105,7 @@ class WallMap:
         self.T_level_map = T_level_map
         observed = {s.wall for s in self.seen}
         self.planes_in_map = {wall: plane for wall, plane in planes_in_map.items() if wall in observed}
-        self._extent, self._intervals, self._lines = {}, [], None
+        self._extent, self._intervals = {}, []
         if not self.seen:
             return
         T = poses[[s.keyframe for s in self.seen]]
@@ -138,28 +123,20 @@ class WallMap:
         self._along = middle[:, 1] * normal[owner, 0] - middle[:, 0] * normal[owner, 1]
         self._widen(ids[owner], normal[owner], ends[..., :2], [s.keyframe for s in self.seen])
 
-    @property
-    def lines(self) -> Lines:
-        """The walls as lines since the last keyframe or refresh."""
-        if self._lines is None:
-            self._lines = self.lines_of_estimates()
-        return self._lines
-
     def current(self, wall: int) -> int:
         """The number of the wall that this one was joined into; its own if it was not."""
         while wall in self._joined_into:
             wall = self._joined_into[wall]
         return wall
 
-    def lines_of_estimates(self) -> Lines:
-        """The walls as lines in the levelled map, computed from the present estimates."""
+    @property
+    def lines(self) -> Lines:
+        """The walls as lines in the levelled map, by the present estimates."""
         ids = np.array(sorted(self.planes_in_map), dtype=np.int64)
-        if not len(ids):
-            none = np.empty(0)
-            return Lines(ids, np.empty((0, 2)), none, none, none, ids)
-        normal, offset = self._as_lines(np.stack([self.planes_in_map[i] for i in ids]))
-        low, high, keyframes = zip(*(self._extent[i] for i in ids.tolist()), strict=True)
-        return Lines(ids, normal, offset, np.array(low), np.array(high), np.array([len(own) for own in keyframes]))
+        normal, offset = self._as_lines(np.array([self.planes_in_map[i] for i in ids]).reshape(-1, 4))
+        low, high = np.array([self._extent[i][:2] for i in ids.tolist()]).reshape(-1, 2).T
+        count = np.array([len(self._extent[i][2]) for i in ids.tolist()], dtype=np.int64)
+        return Lines(ids, normal, offset, low, high, count)
 
     def coverage(self, step: float) -> dict[int, Floats]:
         """For each wall, the positions (m) along its tangent, `step` apart, at which it was seen."""
@@ -180,29 +157,11 @@ class WallMap:
             result[s.wall] = (min(low, s.heights[0]), max(high, s.heights[1]))
         return result
 
-    def counts(self) -> dict[int, int]:
-        """For each wall, the number of keyframes that saw it."""
-        return {wall: len(keyframes) for wall, (_, _, keyframes) in self._extent.items()}
-
-    def scatter(self) -> dict[int, float]:
-        """For each wall, the standard error (m) of its offset from the scatter of its observations.
-
-        Errors of neighbouring keyframes are correlated, so it falls only with the fourth root of their number.
-        """
-        values: dict[int, list[float]] = {}
-        for s, across in zip(self.seen, self._across.tolist(), strict=True):
-            values.setdefault(s.wall, []).append(across)
-        errors = {}
-        for wall, own in values.items():
-            off = np.asarray(own)
-            errors[wall] = 1.48 * float(np.median(np.abs(off - np.median(off)))) / len(own) ** 0.25
-        return errors
-
     def join_duplicates(self) -> int:
         """Joins walls that coincide; returns the number of walls that were dropped."""
         joined = 0
         while True:
-            lines = self.lines_of_estimates()
+            lines = self.lines
             pair = _closest_duplicate(lines, self._settings)
             if pair is None:
                 return joined
@@ -237,12 +196,10 @@ class WallMap:
         names: dict[int, int] = {}
         for s in self.seen:
             if s.keyframe in later and s.wall in old:
-                if s.wall not in names:
-                    names[s.wall] = self._register.number()
-                s.wall = names[s.wall]
+                s.wall = names[s.wall] if s.wall in names else names.setdefault(s.wall, self._register.number())
 
     def _relabel(self, gone: int, kept: int) -> None:
-        self._joined_into[gone], self._lines = kept, None
+        self._joined_into[gone] = kept
         for s in self.seen:
             if s.wall == gone:
                 s.wall = kept
@@ -262,7 +219,7 @@ class WallMap:
 
         Of the walls that face the same way and are near along, the nearest across is taken.
         """
-        lines = self.lines_of_estimates()
+        lines = self.lines
         nearest, fits = np.zeros(len(ends), dtype=np.int64), np.zeros(len(ends), dtype=bool)
         if len(lines.ids):
             normals, _ = self._as_lines(planes_in_map)
@@ -276,15 +233,12 @@ class WallMap:
             near &= np.abs(ends_across).max(axis=1) < 2 * self._settings.associate_offset
             nearest = np.argmin(np.where(near, across + 0.1 * np.maximum(gap, 0.0), np.inf), axis=1)
             fits = near.any(axis=1)
-        walls = []
-        for row, known in zip(nearest.tolist(), fits.tolist(), strict=True):
-            walls.append(int(lines.ids[row]) if known else self._register.number())
-        return walls
+        own = zip(nearest.tolist(), fits.tolist(), strict=True)
+        return [int(lines.ids[row]) if known else self._register.number() for row, known in own]
 
     def _widen(self, walls: NDArray[np.int64], normals: Floats, ends: Floats, keyframes: list[int]) -> None:
         """Extends walls (N,) with normals (N, 2) by pieces that end at `ends` (N, 2, 2), seen by `keyframes` (N,)."""
         along = ends[..., 1] * normals[:, None, 0] - ends[..., 0] * normals[:, None, 1]
-        self._lines = None
         reach = zip(walls.tolist(), along.min(axis=1).tolist(), along.max(axis=1).tolist(), keyframes, strict=True)
         for wall, low, high, keyframe in reach:
             old = self._extent.get(wall, (np.inf, -np.inf, set()))
@@ -328,7 +282,7 @@ def _closest_duplicate(lines: Lines, settings: SurfaceSettings) -> tuple[int, in
     common = (low + high)[..., None] / 2 * tangent[:, None] - (lines.offset[:, None] * lines.normal)[:, None]
     across = np.abs(np.einsum("ijk,jk->ij", common, lines.normal) + lines.offset)
     across = np.maximum(across, across.T)
-    parallel = lines.normal @ lines.normal.T > np.cos(_JOIN_ANGLE)
+    parallel = lines.normal @ lines.normal.T > np.cos(BUILDING.one_wall)
     # end to end, two walls are one only without a step; side by side, there is no room for both
     allowed = np.where(overlap > settings.min_length, _JOIN_OFFSET, 0.5 * _STEP)
     cost = np.where(parallel & (across < allowed) & (overlap > -0.2), across, np.inf)

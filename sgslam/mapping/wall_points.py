@@ -7,16 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.scene_graph import WALL_HEIGHT, SceneGraph
-from sgslam.config.sensor import FURTHEST, LEAST_COSINE, RANGE_NOISE
+from sgslam.config.sensor import BUILDING, SENSOR
 from sgslam.geometry.frames import transform_points
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-_NEAR = 0.15  # m from a planned wall; what is farther is another thing
 _EDGE = 0.2  # m at a wall's ends, floor and ceiling that are left out: other surfaces begin there
 _LEAST_POINTS = 6  # of a face in a keyframe
-_PARALLEL = 0.999  # cosine between the faces of one wall
-_BIN = 0.005  # m, of the search for the distance at which most points lie
+_BIN = SENSOR.range_noise / 4  # of the search for the distance at which most points lie
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +69,7 @@ def _parallel(axes: list[tuple[int, Floats]], normal: Floats, following: int) ->
     """The number of the wall among `axes` that a face with this normal is of, and the sense of its own normal there; a
     new one, with the number `following`, where none is parallel."""
     for number, axis in axes:
-        if abs(axis @ normal) > _PARALLEL:
+        if abs(axis @ normal) > BUILDING.parallel:
             return number, float(np.sign(axis @ normal))
     axes.append((following, normal))
     return following, 1.0
@@ -96,17 +94,18 @@ def _near_faces(faces: Faces, T_plan_sensor: Floats, points: NDArray[np.float32]
     """(K, 5) of the points near a face: its number, that of the keyframe, the distance from the face, and x and y."""
     sensor = T_plan_sensor[:3, 3]
     ahead = np.sum((sensor[:2] - faces.centre) * faces.normal, axis=1)
-    own = np.flatnonzero((ahead > 0) & (ahead < FURTHEST))
+    own = np.flatnonzero((ahead > 0) & (ahead < SENSOR.furthest))
     seen = transform_points(T_plan_sensor, points)
     away = seen[:, :2] - sensor[:2]
     length = np.linalg.norm(seen - sensor, axis=1)
-    seen, away, length = seen[length < FURTHEST], away[length < FURTHEST], length[length < FURTHEST]
+    near = length < SENSOR.furthest
+    seen, away, length = seen[near], away[near], length[near]
     found = []
     for face in own.tolist():
         n, to = faces.normal[face], seen[:, :2] - faces.centre[face]
         off, along, (low, high) = to @ n, to @ np.array([-n[1], n[0]]), faces.heights[face]
-        near = (np.abs(off) < _NEAR) & (np.abs(along) < faces.half[face] - _EDGE)
-        near &= (seen[:, 2] > low + _EDGE) & (seen[:, 2] < high - _EDGE) & (-(away @ n) > LEAST_COSINE * length)
+        near = (np.abs(off) < SENSOR.apart) & (np.abs(along) < faces.half[face] - _EDGE)
+        near &= (seen[:, 2] > low + _EDGE) & (seen[:, 2] < high - _EDGE) & (-(away @ n) > SENSOR.least_cosine * length)
         count = int(near.sum())
         if count:
             same = np.tile([face, number], (count, 1))
@@ -117,7 +116,7 @@ def _near_faces(faces: Faces, T_plan_sensor: Floats, points: NDArray[np.float32]
 def _means(rows: Floats) -> list[Floats]:
     """The means in each keyframe of what was seen of one face, (K, 5) as from `_near_faces`, with their counts."""
     shift = _most(rows[:, 2])
-    rows = rows[np.abs(rows[:, 2] - shift) < 3 * RANGE_NOISE]
+    rows = rows[np.abs(rows[:, 2] - shift) < 3 * SENSOR.range_noise]
     found = []
     for own in np.split(rows, np.flatnonzero(np.diff(rows[:, 1])) + 1):
         if len(own) >= _LEAST_POINTS:
@@ -127,8 +126,8 @@ def _means(rows: Floats) -> list[Floats]:
 
 def _most(offset: Floats) -> float:
     """The distance near which most points lie."""
-    edges = np.arange(-_NEAR, _NEAR + _BIN / 2, _BIN)
+    edges = np.arange(-SENSOR.apart, SENSOR.apart + _BIN / 2, _BIN)
     counts, _ = np.histogram(offset, edges)
-    reach = np.arange(-3 * RANGE_NOISE, 3 * RANGE_NOISE + _BIN / 2, _BIN)
-    near = np.convolve(counts, np.exp(-0.5 * (reach / RANGE_NOISE) ** 2), "same")
+    reach = np.arange(-3 * SENSOR.range_noise, 3 * SENSOR.range_noise + _BIN / 2, _BIN)
+    near = np.convolve(counts, np.exp(-0.5 * (reach / SENSOR.range_noise) ** 2), "same")
     return float(edges[np.argmax(near)] + _BIN / 2)

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.trajectory.stamps import NS
+from sgslam.registration.motion import SHORTEST
 from sgslam.registration.motion_prior import moved_on, velocity_between
-from sgslam.registration.sampling import SHORTEST
 from sgslam.types import Motion
 
 Floats = NDArray[np.float64]
-SCAN_S = 0.1  # how long most sensors take for a scan
+ROUNDS = 3  # of undistorting a scan by the motion that it shows: by the step before it, and only once, it may diverge
 LEAST = 20  # points that a registration by others needs
 GAP_NS = NS  # a longer step between two poses does not tell how the sensor moved within it
 

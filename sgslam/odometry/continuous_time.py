@@ -13,15 +13,14 @@ from numpy.typing import NDArray
 from sgslam.config import ImuSettings, TrackingSettings
 from sgslam.geometry.frames import inverse, transform_points
 from sgslam.inertial import Changes, ImuBuffer, MeasuredMotion
+from sgslam.odometry.base import ROUNDS
 from sgslam.odometry.given_motion import GivenMotion
 from sgslam.odometry.prediction import USUAL_S, Course, predicted, unobserved
 from sgslam.registration.beliefs import Belief, MotionModel
-from sgslam.registration.health import SUSPICIOUS, fits, judged, sees_through
-from sgslam.registration.motion import pose_at, velocity_after
+from sgslam.registration.health import SUSPICIOUS, Guess, best_attempt, fits, judged, likely_poses, sees_through
+from sgslam.registration.motion import pose_at, steadied_points, thinned, velocity_after
 from sgslam.registration.motion_prior import moved_on
 from sgslam.registration.points import UNKNOWN, Weights, placed
-from sgslam.registration.relocation import Guess, best_attempt, likely_poses
-from sgslam.registration.sampling import steadied_points, thinned
 from sgslam.registration.window import Solved, Window, solve
 from sgslam.surfels import SurfelMap
 from sgslam.types import Health, Motion, Registration, TimedPoints
@@ -30,8 +29,6 @@ Floats = NDArray[np.float64]
 _BLIND = 50  # points: fewer do not tell where a scan was taken; the sensor is covered
 _TRIED = 8  # of the likely poses of a lost sensor
 _PAUSE = 3.0  # times the usual time between scans: what is shorter is no pause
-_ROUNDS = 3  # in which the first scan is put right by the motion to the second
-_NONE = np.empty((0, 6))
 _log = logging.getLogger(__name__)
 
 
@@ -42,7 +39,7 @@ class _Found(NamedTuple):
     covariance: Floats
     health: Health
     share: float
-    unconstrained: Floats = _NONE
+    unconstrained: Floats = np.empty((0, 6))
 
 
 class ContinuousTimeOdometry:
@@ -94,9 +91,17 @@ class ContinuousTimeOdometry:
         # all by seconds after the stamp
         motion = Motion(scan.knot_seconds - began, found.knots)
         return Registration(
-            pose_at(motion, 0.0), found.covariance, found.health, found.share, motion, point_times, found.unconstrained,
-            None if unsteady is None else unsteady.later(-began), is_after_pause, scan.later(-began),
-        )  # fmt: skip
+            pose_at(motion, 0.0),
+            found.covariance,
+            found.health,
+            found.share,
+            motion,
+            point_times,
+            found.unconstrained,
+            None if unsteady is None else unsteady.later(-began),
+            is_after_pause,
+            scan.later(-began),
+        )
 
     def _go_on(self, **changes: Any) -> None:
         self._course = replace(self._course, **changes)
@@ -130,7 +135,7 @@ class ContinuousTimeOdometry:
         """The second scan; the first is put right by the motion between them, and again by that of the result."""
         solved, firsts = self._solved([scan])
         velocity, begins = np.zeros(6), first.knot_seconds[0]
-        for _ in range(_ROUNDS if len(first.knot_seconds) > 1 else 0):
+        for _ in range(ROUNDS if len(first.knot_seconds) > 1 else 0):
             # where the first scan was given too little motion, the second shows as much too much
             velocity = (velocity + velocity_after(Motion(solved.seconds, solved.knots), 0)) / 2
             steady = np.stack([moved_on(np.eye(4), velocity, second - begins) for second in first.knot_seconds])
@@ -159,12 +164,22 @@ class ContinuousTimeOdometry:
         at = predicted(course, scans, self._model.up, self._imu, self._given)
         prior = self._model.expected(course.beliefs[-len(scans)], at.seconds, course.height, at.changes)
         window = Window(
-            np.concatenate([scan.points for scan in scans]), np.concatenate([scan.seconds for scan in scans]),
-            np.concatenate([scan.plane_of for scan in scans]), np.cumsum([0, *(len(scan.points) for scan in scans)]),
-            np.array(at.firsts), np.array([len(scan.knot_seconds) for scan in scans]), at.seconds,
-            prior, self._model.prior, at.turns, at.changes, at.steps, self._map.arrays, self._oldest,
+            np.concatenate([scan.points for scan in scans]),
+            np.concatenate([scan.seconds for scan in scans]),
+            np.concatenate([scan.plane_of for scan in scans]),
+            np.cumsum([0, *(len(scan.points) for scan in scans)]),
+            np.array(at.firsts),
+            np.array([len(scan.knot_seconds) for scan in scans]),
+            at.seconds,
+            prior,
+            self._model.prior,
+            at.turns,
+            at.changes,
+            at.steps,
+            self._map.arrays,
+            self._oldest,
             Weights.of(settings),
-        )  # fmt: skip
+        )
 
         def attempt(guess: Guess, kernel: float, iterations: int, every: int) -> Solved:
             return solve(window, np.stack([*at.known, *guess]), kernel, iterations, every)

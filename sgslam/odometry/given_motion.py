@@ -9,9 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from data.trajectory.stamps import NS
 from sgslam.config import OdometrySettings
+from sgslam.config.sensor import SENSOR
 from sgslam.geometry.frames import inverse, squared_up
 from sgslam.inertial import Steps
-from sgslam.odometry.base import GAP_NS, SCAN_S, steady_motion
+from sgslam.odometry.base import GAP_NS, steady_motion
 from sgslam.registration.motion_prior import moved_on, velocity_between
 from sgslam.types import Registration
 
@@ -53,8 +54,10 @@ class GivenMotion:
         if self._poses:
             seconds = (stamp_ns - self._stamps_ns[-1]) / NS
             before, self._step = self._step, np.asarray(velocity_between(self._poses[-1], pose, seconds))
-            share = min(seconds / SCAN_S, 1.0)  # the velocity of a shorter step is that of its error
-            self._is_outlier = all(self._differs(share * (self._step - known)) for known in (self._velocity, before))
+            share = min(seconds / SENSOR.scan_seconds, 1.0)  # the velocity of a shorter step is that of its error
+            # more than any that a carrier makes
+            off = [share * (self._step - known).reshape(2, 3) for known in (self._velocity, before)]
+            self._is_outlier = bool((np.linalg.norm(off, axis=2).max(axis=1) > self._limit).all())
             if self._is_outlier:
                 self._warn(stamp_ns, seconds)
                 pose = np.asarray(moved_on(self._poses[-1], self._velocity, seconds))
@@ -69,18 +72,17 @@ class GivenMotion:
         for values in (self._stamps_ns, self._poses, self._variances):
             del values[:old]  # type: ignore[attr-defined]
 
-    def _differs(self, velocity: Floats) -> bool:
-        """Whether a difference (6,) of velocities is more than any that a carrier makes."""
-        return bool(np.linalg.norm(velocity.reshape(2, 3), axis=1).max() > self._limit)
-
     def _warn(self, stamp_ns: int, seconds: float) -> None:
         """Warns of the first outlier."""
         if not self._warned:
             turn, metres = seconds * np.linalg.norm(self._step.reshape(2, 3), axis=1)
             _log.warning(
                 "the given poses have a step of %.2f m and %.0f degrees at %.3f s, an outlier; such steps are ignored "
-                "(reported once)", metres, np.degrees(turn), stamp_ns / NS,
-            )  # fmt: skip
+                "(reported once)",
+                metres,
+                np.degrees(turn),
+                stamp_ns / NS,
+            )
             self._warned = True
 
     def newest(self, point_times: Floats | None) -> Registration:

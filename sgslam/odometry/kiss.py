@@ -13,7 +13,6 @@ from sgslam.geometry.frames import angle_of, squared_up
 from sgslam.odometry.base import LEAST, at_stamp, end_of, is_snapshot, seconds_since
 
 Floats = NDArray[np.float64]
-_POINTS_PER_VOXEL = 1  # of the local map; of the least error in two drives, with the setting's voxels
 
 
 class KissOdometry:
@@ -30,7 +29,8 @@ class KissOdometry:
 
     def _made(self) -> KissICP:
         data = DataConfig(max_range=self._tracking.max_range, min_range=self._tracking.min_range)
-        mapping = MappingConfig(voxel_size=self._settings.voxel_size, max_points_per_voxel=_POINTS_PER_VOXEL)
+        # one point in each: of the least error in two drives, with the setting's voxels
+        mapping = MappingConfig(voxel_size=self._settings.voxel_size, max_points_per_voxel=1)
         made = KissICP(KISSConfig(data=data, mapping=mapping, registration=RegistrationConfig(max_num_threads=1)))
         made.adaptive_threshold = self._threshold
         return made

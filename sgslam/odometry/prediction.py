@@ -9,8 +9,8 @@ from sgslam.config import TrackingSettings
 from sgslam.inertial import NO_STEPS, Changes, MeasuredMotion, Steps
 from sgslam.odometry.given_motion import GivenMotion
 from sgslam.registration.beliefs import Belief, MotionModel
+from sgslam.registration.health import Guess
 from sgslam.registration.motion_prior import moved_on
-from sgslam.registration.relocation import Guess
 from sgslam.registration.window import Solved, window_knots
 from sgslam.types import TimedPoints
 

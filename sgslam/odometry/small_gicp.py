@@ -8,7 +8,7 @@ from small_gicp import align, preprocess_points
 
 from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import angle_of, inverse, squared_up
-from sgslam.odometry.base import LEAST, at_stamp, end_of, is_snapshot, seconds_since, steady_motion
+from sgslam.odometry.base import LEAST, ROUNDS, at_stamp, end_of, is_snapshot, seconds_since, steady_motion
 from sgslam.registration.motion_prior import moved_on, velocity_between
 from sgslam.registration.points import placed
 
@@ -17,7 +17,6 @@ Floats = NDArray[np.float64]
 # m: between points, and at most between two that correspond; also, m or rad, between scans of the local map
 _VOXEL, _REACH = 0.25, 0.3
 _SCANS = 15  # of the local map
-_ROUNDS = 3  # of undistorting; a scan undistorted by the step before it, and only once, diverges
 
 
 class SmallGicpOdometry:
@@ -40,7 +39,7 @@ class SmallGicpOdometry:
         self._ended_ns = stamp_ns + round(end * 1e9)
         seconds = seconds_since(before_ns, self._ended_ns)
         self.T_odom_end = np.asarray(moved_on(before, self._velocity, seconds))
-        for _ in range(1 if is_snapshot(point_times) else _ROUNDS):
+        for _ in range(1 if is_snapshot(point_times) else ROUNDS):
             source, _ = preprocess_points(self._undistorted(points, point_times), _VOXEL)
             if not self._window or source.size() < LEAST:
                 break

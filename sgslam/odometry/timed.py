@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from data.scans.point_times import BEFORE_STAMP
 from sgslam.config import TrackingSettings
+from sgslam.config.sensor import CARRIER, SENSOR
 from sgslam.geometry.frames import inverse, squared_up
 from sgslam.inertial import ImuBuffer, MeasuredMotion
-from sgslam.odometry.base import SCAN_S
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.odometry.given_motion import GivenMotion
 from sgslam.perception.point_times import Rule, even_times, guessed_times
@@ -21,7 +21,6 @@ from sgslam.types import Motion, Registration
 Floats = NDArray[np.float64]
 Kind = Literal["snapshot", "order"]
 _log = logging.getLogger(__name__)
-_MOVING, _TURNING = 0.3, 0.3  # m/s and rad/s; slower, a scan looks alike either way
 _MOST = 0.3  # evidence of one scan: the scans after it are not independent
 # Sum of the evidence, natural logarithm, that decides. In 24 drives of rolling scans it was at least -2.0,
 # in 24 of snapshots at most 3.2, on the way to the right end.
@@ -128,7 +127,7 @@ class TimedOdometry:
     def _guessed(self, points: Floats) -> tuple[Floats, bool]:
         """The times of points (N, 3), and whether their order gives them; where not, they are those of a sensor that
         does not turn once around, if it is one, or all are the scan's middle."""
-        duration_s = self._duration_s if np.isfinite(self._duration_s) else SCAN_S  # of the first scan
+        duration_s = self._duration_s if np.isfinite(self._duration_s) else SENSOR.scan_seconds  # of the first scan
         began = -self._before_stamp * duration_s
         found = guessed_times(points, duration_s)
         if found is not None:
@@ -140,7 +139,8 @@ class TimedOdometry:
 
     def _moves(self, results: dict[Kind, Registration], interval_s: float) -> bool:
         """Whether the sensor moves, as either odometry has it: one that has failed may well stand still."""
-        return any(_exceeds(self._velocity(kind, results[kind], interval_s), _MOVING, _TURNING) for kind in results)
+        velocities = [self._velocity(kind, result, interval_s).reshape(2, 3) for kind, result in results.items()]
+        return bool((np.linalg.norm(velocities, axis=2) > CARRIER.moving).any())
 
     def _misfit(self, kind: Kind, result: Registration) -> float:
         """Distance of the points that fit, in metres, over their share: where few fit, those that do may be near."""
@@ -163,11 +163,6 @@ class TimedOdometry:
         self._odometries = {kind: self._odometries[kind]}
         what = "measured one after another, in their order" if kind == "order" else "measured at one instant"
         _log.info("the points of the scans have no times; they are taken as %s", what)
-
-
-def _exceeds(velocity: Floats, speed: float, turn_rate: float) -> bool:
-    """Whether a velocity (6,) is faster than m/s or rad/s."""
-    return bool(np.linalg.norm(velocity[3:]) > speed or np.linalg.norm(velocity[:3]) > turn_rate)
 
 
 def _moved(T: Floats, result: Registration) -> Registration:

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sgslam.config.sensor import BUILDING, CARRIER, SENSOR
+
 Floats = NDArray[np.float64]
 
 _FEWEST = 30  # surfels
@@ -23,12 +25,8 @@ _LEAST_FITTING = 0.3  # share of surfaces parallel or square to the vertical; un
 # degrees of it, and some lie on their side. Of a stated mount only a hand's sway remains.
 _USUAL, _STATED = 1.8, 7.4
 _LEAST_ODDS = 1.5  # below, the axis is not sure
-LYING = np.radians(45.0)  # off the expected vertical, farther than on most carriers
-_NORMAL_SIGMA = np.radians(4.0)  # of a surfel's normal, with what surfels of one wall have in common
 _PER_SURFACE = 3.0  # surfels of one surface share errors: so many count as one measurement of its direction
-_STOREY = 4.0  # m: what is seen within one storey rarely spans more
 _FACES = 0.4  # m: so near the lowest and highest points, a level surface is floor or ceiling
-_BOB = 0.03  # m: a walking person's up and down
 
 
 @dataclass(frozen=True)
@@ -58,9 +56,9 @@ def find_gravity(
     odds += (_STATED if is_stated else _USUAL) * towards**2
     best = int(np.argmax(odds))
     is_sure = bool(odds[best] - np.logaddexp.reduce(np.delete(odds, best)) >= _LEAST_ODDS)
-    if not is_sure and towards[best] < np.cos(LYING):
-        best = int(np.argmax(np.where(towards > np.cos(LYING), odds, -np.inf)))
-        if towards[best] <= np.cos(LYING):
+    if not is_sure and towards[best] < np.cos(CARRIER.lying):
+        best = int(np.argmax(np.where(towards > np.cos(CARRIER.lying), odds, -np.inf)))
+        if towards[best] <= np.cos(CARRIER.lying):
             return None
     return Gravity(axes[best], is_sure) if _fitting(axes[best], normals, weights) >= _LEAST_FITTING else None
 
@@ -125,12 +123,12 @@ def _axis_odds(axis: Floats, positions: Floats, normals: Floats, weights: Floats
     level = np.abs(normals @ axis) > _ALIGNED
     low, high = _extent(z, weights)
     # Walls lie at any distance, floors and ceilings within a storey.
-    too_high = min(max(high - low - _STOREY, 0.0), 6.0)
+    too_high = min(max(high - low - BUILDING.storey, 0.0), 6.0)
     # Nothing large and level lies between floor and ceiling; between two walls of a building there are others.
     is_between = level & (z > low + _FACES) & (z < high - _FACES)
     between = float(weights[is_between].sum() / weights.sum())
     # One walks in the level. On a stair this is wrong, so it weighs less than its fit, 3.3.
-    climbing = min(float(np.log(max(float(way.std()), _BOB) / _BOB)), 3.0)
+    climbing = min(float(np.log(max(float(way.std()), CARRIER.bob) / CARRIER.bob)), 3.0)
     # In a building every surface is level or upright; about another axis skewed walls and partitions are neither.
     fitting = _fitting(axis, normals, weights)
     return 4.0 * fitting - 1.25 * too_high - between - 2.0 * climbing
@@ -159,4 +157,4 @@ def _sigma(up: Floats, normals: Floats, weights: Floats) -> float:
     level, upright = weights * (cosine > _ALIGNED), weights * (cosine < _SQUARE)
     # a level surface tells both angles, an upright one that about the line in which it cuts the level
     information = np.eye(2) * level.sum() + (across * upright[:, None]).T @ across
-    return float(_NORMAL_SIGMA * np.sqrt(_PER_SURFACE / max(np.linalg.eigvalsh(information)[0], 1e-9)))
+    return float(SENSOR.normal_noise * np.sqrt(_PER_SURFACE / max(np.linalg.eigvalsh(information)[0], 1e-9)))

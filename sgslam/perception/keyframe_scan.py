@@ -40,8 +40,11 @@ def keyframe_scan(
     `up` (3,) is the tracked vertical in the sensor frame, which the surfaces correct, and `height` (m) the sensor's
     above the ground.
     """
-    seen_up, sigma_up = _seen_up(surfels, T_odom_sensor, up)
-    R_level_sensor = levelling(_mean(up, _TRACKED, seen_up, sigma_up))
+    seen_up, sigma_up = up, np.inf
+    if (found := refined_up(T_odom_sensor[:3, :3] @ up, *surfels[1:])) is not None:
+        seen_up, sigma_up = T_odom_sensor[:3, :3].T @ found[0], found[1]
+    mean = up / _TRACKED**2 + seen_up / sigma_up**2
+    R_level_sensor = levelling(mean / np.linalg.norm(mean))
     levels = _levels(surfels, T_odom_sensor, R_level_sensor)
     settings = config.surfaces
     scan = sort_into_columns(points @ R_level_sensor.T, settings.columns)
@@ -59,13 +62,6 @@ def keyframe_scan(
     return KeyframeScan(walls, levels, outline, lintels.astype(np.float32), seen_up, sigma_up)
 
 
-def _seen_up(surfels: Surfels, T_odom_sensor: Floats, up: Floats) -> tuple[Floats, float]:
-    """The vertical (3,) in the sensor frame and its standard deviation (rad), as the surfels show them."""
-    R_odom_sensor = T_odom_sensor[:3, :3]
-    found = refined_up(R_odom_sensor @ up, *surfels[1:])
-    return (up, np.inf) if found is None else (R_odom_sensor.T @ found[0], found[1])
-
-
 def _levels(surfels: Surfels, T_odom_sensor: Floats, R_level_sensor: Floats) -> list[LevelObservation]:
     """The level surfaces among surfels in `odom`, in the sensor frame."""
     means, normals, counts = surfels
@@ -81,12 +77,6 @@ def _off_levels(points: Floats, levels: list[LevelObservation]) -> Floats:
         return points
     planes = np.stack([level.plane for level in levels])
     return points[(np.abs(points @ planes[:, :3].T + planes[:, 3]) > 2 * INLIER).all(axis=1)]
-
-
-def _mean(a: Floats, sigma_a: float, b: Floats, sigma_b: float) -> Floats:
-    """(3,) the mean of two unit vectors with standard deviations (rad), a unit vector."""
-    mean = a / sigma_a**2 + b / sigma_b**2
-    return np.asarray(mean / np.linalg.norm(mean))
 
 
 def _in_frame(T_a_b: Floats, found: list[WallObservation]) -> list[tuple[WallObservation, Floats, Floats]]:

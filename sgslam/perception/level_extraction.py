@@ -5,15 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.config.sensor import RANGE_NOISE
+from sgslam.config.sensor import BUILDING, SENSOR
 
 Floats = NDArray[np.float64]
 _LEVEL = float(np.cos(np.radians(6.0)))  # of a surfel's normal and the vertical; normals are known to 4 degrees
-_SLOPE = 0.005  # rad, standard deviation of a slope: floors are level to 5 mm/m, the frame to 0.2 degrees
-_STEEPEST = 0.03  # rad, of a surface that counts as level, with what the attitude errs
 _MOST = 50.0  # points that a surfel counts for: those of one patch share errors
-INLIER = 0.05  # m from the plane
-_LEAST_AREA = 0.75  # m2, of a surface; a tread of a stair has 0.3
+INLIER = 2.5 * SENSOR.range_noise  # m from the plane
 CELL = 0.5  # m, of the grid in which the area is counted
 
 
@@ -33,9 +30,7 @@ class LevelObservation:
     sigma_offset: float
 
 
-def extract_levels(
-    means: Floats, normals: Floats, counts: Floats, T_odom_sensor: Floats
-) -> list[LevelObservation]:  # fmt: skip
+def extract_levels(means: Floats, normals: Floats, counts: Floats, T_odom_sensor: Floats) -> list[LevelObservation]:
     """Level surfaces among surfels, larger first for each side.
 
     `means` (N, 3) and `normals` (N, 3), to the side seen, are in a frame with z up, `counts` (N,) their points. The
@@ -51,10 +46,13 @@ def extract_levels(
             normal = T_odom_sensor[:3, :3].T @ (up * scale)
             found.append(
                 LevelObservation(
-                    np.array([*normal, -height * scale]), middles_of_cells(seen) @ T_odom_sensor[:3, :3], side > 0,
-                    float(np.sqrt(covariance[[1, 2], [1, 2]].max())), float(np.sqrt(covariance[0, 0])),
+                    np.array([*normal, -height * scale]),
+                    middles_of_cells(seen) @ T_odom_sensor[:3, :3],
+                    side > 0,
+                    float(np.sqrt(covariance[[1, 2], [1, 2]].max())),
+                    float(np.sqrt(covariance[0, 0])),
                 )
-            )  # fmt: skip
+            )
     return found
 
 
@@ -62,32 +60,34 @@ def _fits(points: Floats, weights: Floats) -> list[tuple[float, Floats, Floats, 
     """(height at the origin, slopes (2,), covariance (3, 3), points (M, 3)) of planes through points (N, 3), the one
     with the most points first."""
     found = []
-    while _area(points) >= _LEAST_AREA:
+    while _area(points) >= BUILDING.least_floor:
         solution, inlier = np.array([_peak(points[:, 2], weights), 0.0, 0.0]), np.zeros(len(points), bool)
         design = np.column_stack([np.ones(len(points)), points[:, :2]])
         covariance = np.eye(3)
         for _ in range(3):
             inlier = np.abs(points[:, 2] - design @ solution) < INLIER
-            weighted = design[inlier].T * (weights[inlier] / RANGE_NOISE**2)
-            covariance = np.linalg.inv(weighted @ design[inlier] + np.diag([1e-6, 1 / _SLOPE**2, 1 / _SLOPE**2]))
+            weighted = design[inlier].T * (weights[inlier] / SENSOR.range_noise**2)
+            level = np.diag([1e-6, 1 / BUILDING.level**2, 1 / BUILDING.level**2])
+            covariance = np.linalg.inv(weighted @ design[inlier] + level)
             solution = covariance @ weighted @ points[inlier, 2]
         across = points[inlier, 2] - design[inlier] @ solution
         # what is not level, or not one surface, is rougher than the noise
-        rough = np.average(across**2, weights=weights[inlier]) > RANGE_NOISE**2 if inlier.any() else True
-        is_level = np.hypot(*solution[1:]) < _STEEPEST
-        if is_level and not rough and _area(points[inlier]) >= _LEAST_AREA:
+        rough = np.average(across**2, weights=weights[inlier]) > SENSOR.range_noise**2 if inlier.any() else True
+        is_level = np.hypot(*solution[1:]) < BUILDING.steepest_floor
+        if is_level and not rough and _area(points[inlier]) >= BUILDING.least_floor:
             found.append((float(solution[0]), solution[1:], covariance, points[inlier]))
         near = np.abs(points[:, 2] - design @ solution) < 2 * INLIER
-        near |= inlier | (np.abs(points[:, 2] - _peak(points[:, 2], weights)) < RANGE_NOISE)
+        near |= inlier | (np.abs(points[:, 2] - _peak(points[:, 2], weights)) < SENSOR.range_noise)
         points, weights = points[~near], weights[~near]
     return found
 
 
 def _peak(heights: Floats, weights: Floats) -> float:
     """The height (m) near which most points lie."""
-    edges = np.arange(heights.min() - 2 * RANGE_NOISE, heights.max() + 3 * RANGE_NOISE, RANGE_NOISE)
+    step = SENSOR.range_noise
+    edges = np.arange(heights.min() - 2 * step, heights.max() + 3 * step, step)
     count, _ = np.histogram(heights, edges, weights=weights)
-    return float(edges[int(np.argmax(np.convolve(count, np.ones(3), "same")))] + RANGE_NOISE / 2)
+    return float(edges[int(np.argmax(np.convolve(count, np.ones(3), "same")))] + step / 2)
 
 
 def _area(points: Floats) -> float:

@@ -9,20 +9,24 @@ from numpy.typing import ArrayLike, NDArray
 
 from data import UserError
 from data.scans import Scan
+from sgslam.config.sensor import SENSOR
 from sgslam.geometry.frames import is_rigid
 from sgslam.types import RawScan
 
 Floats = NDArray[np.float64]
-LONGEST_SCAN = 2.0  # s, of a scan; sensors in motion take 0.05 to 0.2
 _FEW = 3  # scans: a single odd one proves nothing
 _FARTHEST = 100.0  # m, median range indoors and out of doors; in millimetres the sensor would touch all that it sees
 _OUTSIDE = 10.0  # times the extent of a scan: a sensor so far from all that it sees is not at the origin
 
 
 def checked_scan(
-    stamp_ns: int, points: NDArray[np.floating[Any]], point_times: ArrayLike | None, T_odom_sensor: ArrayLike | None,
-    step_covariance: ArrayLike | None, newest_ns: int | None,
-) -> RawScan:  # fmt: skip
+    stamp_ns: int,
+    points: NDArray[np.floating[Any]],
+    point_times: ArrayLike | None,
+    T_odom_sensor: ArrayLike | None,
+    step_covariance: ArrayLike | None,
+    newest_ns: int | None,
+) -> RawScan:
     """A scan as float64.
 
     Raises UserError for a stamp that is not an integer or not later than `newest_ns`, for no or non-finite points, for
@@ -69,7 +73,7 @@ def _checked_times(point_times: ArrayLike, count: int, stamp_ns: int) -> Floats:
     seconds = _numbers(point_times)
     if seconds.shape != (count,) or not np.isfinite(seconds.sum()):
         raise UserError(f"scan at {stamp_ns} ns: point_times must be ({count},) finite seconds after the stamp")
-    if np.abs(seconds).max() > LONGEST_SCAN:
+    if np.abs(seconds).max() > SENSOR.longest_scan:
         raise UserError(
             f"scan at {stamp_ns} ns: point_times are seconds after the stamp, not {seconds.min():g} to "
             f"{seconds.max():g}: are they milliseconds, nanoseconds, or a time of day?"

@@ -8,14 +8,11 @@ from numpy.typing import NDArray
 
 from data.common.compiled import compiled
 from sgslam.config import SurfaceSettings
-from sgslam.config.sensor import RANGE_NOISE
+from sgslam.config.sensor import BUILDING, SENSOR
 from sgslam.perception.column_scan import ColumnScan, Contour, Floats, contour, split_chains
 
 _LEAST_COLUMNS = 5  # of the virtual scan in a wall piece
 _MERGE_GAP = 0.5  # m between collinear pieces of one scan that are merged
-_STEEPEST = 0.09  # rad between a wall and the vertical
-_PLUMB = 0.004  # rad, standard deviation of a wall from the vertical: 2 mm/m, and what the attitude errs
-_UPRIGHT = np.diag([0.0, 0.0, 1 / _PLUMB**2])  # 1/rad2
 
 
 @dataclass(frozen=True)
@@ -77,19 +74,19 @@ def fit_wall(points: Floats, first: Floats, last: Floats, settings: SurfaceSetti
     everything, _, _ = _moments(points, *near, 0.0, np.zeros(3), np.inf)
     count = everything[0, 0]
     level = everything[0, 2] / max(count, 1.0)
-    solution = np.zeros(3)
+    solution, upright = np.zeros(3), np.diag([0.0, 0.0, 1 / BUILDING.plumb**2])  # the latter in 1/rad2
     for tolerance in (settings.split, 0.75 * settings.split):
         moments, low, high = _moments(points, *near, level, solution, tolerance)
         if moments[0, 0] < 2 * _LEAST_COLUMNS:
             return None
-        covariance = np.linalg.inv(moments[:3, :3] / RANGE_NOISE**2 + _UPRIGHT)
-        solution = covariance @ moments[:3, 3] / RANGE_NOISE**2
+        covariance = np.linalg.inv(moments[:3, :3] / SENSOR.range_noise**2 + upright)
+        solution = covariance @ moments[:3, 3] / SENSOR.range_noise**2
     seen = moments[0, 0]
-    if abs(solution[2]) > _STEEPEST or count > 5 * seen:
+    if abs(solution[2]) > BUILDING.steepest_wall or count > 5 * seen:
         return None
     residual = np.array([*-solution, 1.0])
     # the residual of the fit, where it is larger than the noise of ranges
-    covariance *= max(residual @ moments @ residual / seen / RANGE_NOISE**2, 0.25)
+    covariance *= max(residual @ moments @ residual / seen / SENSOR.range_noise**2, 0.25)
     above = moments[0, 2] / seen  # of the inliers' mean height over `level`
     at_mean = np.array([1.0, 0.0, above])
     offset, sigma = float(at_mean @ solution), float(at_mean @ covariance @ at_mean)
@@ -109,9 +106,15 @@ def fit_wall(points: Floats, first: Floats, last: Floats, settings: SurfaceSetti
 
 @compiled
 def _moments(
-    points: Floats, middle: Floats, tangent: Floats, normal: Floats, half: float,
-    level: float, solution: Floats, tolerance: float,
-) -> tuple[Floats, float, float]:  # fmt: skip
+    points: Floats,
+    middle: Floats,
+    tangent: Floats,
+    normal: Floats,
+    half: float,
+    level: float,
+    solution: Floats,
+    tolerance: float,
+) -> tuple[Floats, float, float]:
     """(4, 4) the second moments of (1, along, up, across) of the points (N, 3) that are within `half` of the middle and
     within the tolerance of the plane across = solution . (1, along, up), up from `level`; the lowest and highest up."""
     moments, row, low, high = np.zeros((4, 4)), np.ones(4), np.inf, -np.inf

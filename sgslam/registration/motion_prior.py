@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
-from sgslam.geometry.rotations import rotated_by, turn_between
+from sgslam.geometry.compiled import rotated_by, turn_between
 from sgslam.inertial import Changes, Steps
 
 Floats = NDArray[np.float64]

@@ -7,6 +7,7 @@ banded; map and motion are estimated in turns.
 
 import math
 from concurrent.futures import ThreadPoolExecutor
+from itertools import repeat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,6 @@ from scipy.linalg import solveh_banded
 from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.registration.beliefs import MotionModel
-from sgslam.registration.degeneracy import project_out_spurious
 from sgslam.registration.motion import pose_at
 from sgslam.registration.motion_prior import add_height, add_velocities
 from sgslam.registration.points import (
@@ -27,6 +27,7 @@ from sgslam.registration.points import (
     Weights,
     placed,
     point_equations,
+    project_out_spurious,
 )
 from sgslam.registration.window import MotionPrior, update_knots, window_knots
 from sgslam.surfels import SurfelMap, Surfels
@@ -34,7 +35,6 @@ from sgslam.types import Motion, TimedPoints
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-_UP = np.array([0.0, 0.0, 1.0])
 _MAPS = 2  # times that the map is made, each of the motion found before
 _ITERATIONS = 4  # to each map
 _TURNS = 7  # in which scans are added to a map: a surfel that is full has seen all times
@@ -96,19 +96,21 @@ def smoothed(
     knots_of = [slice(first, first + len(scan.knot_seconds)) for scan, first in zip(scans, firsts, strict=True)]
     # the first pass knows the way; unknown is how a hand sways up and down, as fast as it turns
     model = MotionModel(settings.model_copy(update={"sway_memory": settings.turn_memory}))
-    model.level(_UP)
+    model.level(np.array([0.0, 0.0, 1.0]))
     for number in range(_MAPS):
         surfels = _map_of(scans, knots_of, motion, is_known).arrays
         for own in seen:
             own.begin(settings.kernel if number else FIRST_OF_KERNEL * settings.kernel)
         for _ in range(_ITERATIONS):
-            _look(seen, scans, [motion.knots[own] for own in knots_of], surfels, weights)
+            with ThreadPoolExecutor() as threads:
+                knots = [motion.knots[own] for own in knots_of]
+                list(threads.map(_Seen.look, seen, scans, knots, repeat(surfels), repeat(weights)))
             step = _solved(seen, firsts, motion, model.prior, weights)
             update_knots(motion.knots, step)
             if np.sqrt(np.mean(step**2)) < CONVERGED:
                 break
-            for own, knots in zip(seen, knots_of, strict=True):
-                own.follow(step[6 * knots.start : 6 * knots.stop])
+            for own, its in zip(seen, knots_of, strict=True):
+                own.follow(step[6 * its.start : 6 * its.stop])
     return motion
 
 
@@ -129,16 +131,6 @@ def _map_of(scans: list[TimedPoints], knots_of: list[slice], motion: Motion, is_
                 points, knots = scans[i].points.astype(np.float64), motion.knots[knots_of[i]]
                 surfels.add(*placed(points, scans[i].seconds, scans[i].knot_seconds, knots), 0.0, 1.0)
     return surfels
-
-
-def _look(seen: list[_Seen], scans: list[TimedPoints], knots: list[Floats], surfels: Surfels, weights: Weights) -> None:
-    """Makes the equations of all scans, each with its knots (K, 4, 4)."""
-
-    def look(n: int) -> None:
-        seen[n].look(scans[n], knots[n], surfels, weights)
-
-    with ThreadPoolExecutor() as threads:
-        list(threads.map(look, range(len(seen))))
 
 
 def _solved(seen: list[_Seen], firsts: list[int], motion: Motion, prior: MotionPrior, weights: Weights) -> Floats:

@@ -8,10 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
-from sgslam.geometry.normal_equations import solved, square_up
-from sgslam.geometry.rotations import rotated_by
+from sgslam.geometry.compiled import rotated_by, solved, square_up
 from sgslam.inertial import Changes, Steps
-from sgslam.registration.degeneracy import project_out_spurious
 from sgslam.registration.motion_prior import (
     add_changes,
     add_height,
@@ -29,6 +27,7 @@ from sgslam.registration.points import (
     UNKNOWN,
     Weights,
     point_equations,
+    project_out_spurious,
 )
 from sgslam.surfels import Surfels
 

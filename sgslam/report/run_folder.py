@@ -17,8 +17,8 @@ from sgslam.config import Config
 from sgslam.config.loading import load_config
 from sgslam.geometry.frames import transform_points
 from sgslam.mapping import KeyframeClouds
-from sgslam.mapping.cloud_map import cloud_map
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
+from sgslam.mapping.keyframe_clouds import cloud_map
 
 Floats = NDArray[np.float64]
 

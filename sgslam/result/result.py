@@ -16,7 +16,7 @@ from data.trajectory import Trajectory
 from sgslam.backend import FactorLog
 from sgslam.config import Config
 from sgslam.mapping import KeyframeClouds
-from sgslam.mapping.cloud_map import cloud_map
+from sgslam.mapping.keyframe_clouds import cloud_map
 from sgslam.session.checkpoints import Checkpoints, Resumable
 from sgslam.session.place_report import PlaceReport
 from sgslam.session.soundness.quality import Quality

@@ -101,9 +101,9 @@ class PriorMap:
         """
         storeys = self._storeys(other, T_map_other)
         same = self._same_walls(other, T_map_other, storeys, config)
-        first, numbered = len(self.backend.keyframes), self.floors.register.walls
-        levels = self.floors.level_register.levels
-        wall_of = {wall: same.get(wall, wall + numbered) for wall in range(other.floors.register.walls)}
+        first, numbered = len(self.backend.keyframes), self.floors.register.count
+        levels = self.floors.level_register.count
+        wall_of = {wall: same.get(wall, wall + numbered) for wall in range(other.floors.register.count)}
         for floor in other.floors.maps:
             if storeys[floor.number] == len(self.floors.maps):
                 begun = self.floors.begin()
@@ -111,8 +111,8 @@ class PriorMap:
             known = self.floors.maps[storeys[floor.number]]
             known.walls.absorb(floor.walls, first, wall_of)
             known.levels.absorb(floor.levels, first, levels, T_map_other)
-        self.floors.register.walls += other.floors.register.walls
-        self.floors.level_register.levels += other.floors.level_register.levels
+        self.floors.register.count += other.floors.register.count
+        self.floors.level_register.count += other.floors.level_register.count
         self.backend.absorb(other.backend, T_map_other, len(self.scans), storeys, levels)
         for wall, plane in other.backend.planes_in_map.items():
             self.backend.planes_in_map.setdefault(wall_of[wall], transform_planes(T_map_other, plane))

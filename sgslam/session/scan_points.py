@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from sgslam.config import TrackingSettings
 from sgslam.mapping import KeyframeClouds
+from sgslam.registration.motion import thinned
 from sgslam.registration.points import UNKNOWN
-from sgslam.registration.sampling import thinned
 from sgslam.types import TimedPoints, TrackedScan
 
 FILE = "scan_points.bin"  # in a run's folder, until it has finished

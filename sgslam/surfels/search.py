@@ -7,16 +7,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
-from sgslam.surfels.cells import SHIFT, SIDES, block_of, cell_of, key_of, within_block
 from sgslam.surfels.planes import (
     ACROSS,
     GRAZING,
     OTHER,
     SEEN,
+    SHIFT,
+    SIDES,
     VALID,
+    block_of,
+    cell_of,
     is_within,
+    key_of,
     off_plane,
     variance_at,
+    within_block,
 )
 
 Floats = NDArray[np.float64]

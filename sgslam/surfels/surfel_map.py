@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
-from sgslam.surfels.cells import CELLS, SIDES, cell_of, key_of, place_of, rehash, within_block
 from sgslam.surfels.planes import (
     AXIS,
+    CELLS,
     CHANGED,
     COUNT,
     FULL,
@@ -23,11 +23,17 @@ from sgslam.surfels.planes import (
     PLANE,
     RAY,
     SEEN,
+    SIDES,
     SQUARES,
     SUM,
     SUMS,
     VALID,
+    cell_of,
     fit_plane,
+    key_of,
+    place_of,
+    rehash,
+    within_block,
 )
 from sgslam.surfels.search import Surfels
 
@@ -112,9 +118,17 @@ def _same_side(sums: Floats, planes: Floats32, s: int, rx: float, ry: float, rz:
 
 @compiled
 def _add(
-    points: Floats, rays: Floats, table: Ints, cells: Ints32, sums: Floats, planes: Floats32, count: int, blocks: int,
-    way: float, memory: float,
-) -> tuple[int, int]:  # fmt: skip
+    points: Floats,
+    rays: Floats,
+    table: Ints,
+    cells: Ints32,
+    sums: Floats,
+    planes: Floats32,
+    count: int,
+    blocks: int,
+    way: float,
+    memory: float,
+) -> tuple[int, int]:
     """Adds points to the sums of their cells and fits their planes; returns the numbers of surfels and of
     blocks."""
     touched, changed = np.empty(len(SIDES) * len(points), np.int64), 0

@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from sgslam.config import TrackingSettings
+from sgslam.config.sensor import CARRIER
 from sgslam.geometry.frames import inverse, levelling
-from sgslam.perception.gravity import ALIKE, LYING, Gravity, find_gravity
+from sgslam.perception.gravity import ALIKE, Gravity, find_gravity
 from sgslam.registration.motion import few_points
 from sgslam.surfels import SurfelMap
 from sgslam.types import TrackedScan
@@ -67,7 +68,7 @@ class LevelFrame:
         seen = self._seen(scans)
         if seen is not None and seen.is_sure:
             self.likely_up = seen.up
-            self.sure = is_time and self._tilt(seen.up) < LYING
+            self.sure = is_time and self._tilt(seen.up) < CARRIER.lying
 
     def settle(self, scans: list[TrackedScan]) -> None:
         """Ends the search with all scans; where nothing is found, up is where the mount says."""
@@ -85,7 +86,7 @@ class LevelFrame:
         if is_stated and tilt > _SWAYS:
             self.advice = self._correction(tilt, shown)
             _log.warning("%s", self.advice)
-        elif measured is None and (tilt > LYING or not (seen and seen.is_sure)):
+        elif measured is None and (tilt > CARRIER.lying or not (seen and seen.is_sure)):
             _log.warning("the vertical is not certain; give roll, pitch and yaw of the sensor with --mount")
 
     def _tilt(self, up: Floats) -> float:

@@ -61,7 +61,6 @@ def problem(name: str, rng: np.random.Generator) -> tuple[gtsam.NoiseModelFactor
         seen = np.array([0, 0, 1, -3.5])
     build = {
         "observed": lambda: factors.observe_plane(seen, X(1), X(0), P(0), noise),
-        "wall of room": lambda: factors.wall_of_room(seen, X(1), X(0), P(0), noise),
         "anchored": lambda: factors.anchor_plane(seen, X(1), X(0), P(0), noise),
         "storey": lambda: factors.storey_plane(3.5, X(1), X(0), P(0), noise),
     }[name]
@@ -78,7 +77,7 @@ def values_of(poses: dict[int, Array], plane: int | None, value: Array, rng: np.
     return values
 
 
-ALL = ("observed", "own", "anchored", "storey", "wall of room", "room", "frame")
+ALL = ("observed", "own", "anchored", "storey", "room", "frame")
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -212,7 +211,6 @@ def test_planes_are_refused_unless_four_finite_numbers_with_a_unit_normal(bad: l
         lambda plane: factors.observe_plane(plane, X(1), X(0), P(0), noise),
         lambda plane: factors.observe_own_plane(plane, O(0), P(0), noise),
         lambda plane: factors.anchor_plane(plane, B(0), X(0), P(0), noise),
-        lambda plane: factors.wall_of_room(plane, R(0), X(0), P(0), noise),
     ]
     for build in builds:
         with pytest.raises(ValueError, match="unit normal"):

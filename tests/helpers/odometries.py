@@ -10,7 +10,7 @@ from walks import SCAN_NS, from_file
 from data.trajectory import Trajectory
 from sgslam.config import Config, OdometrySettings, TrackingSettings
 from sgslam.odometry import Odometry, make_odometry
-from sgslam.odometry.external import ExternalOdometry
+from sgslam.odometry.factory import ExternalOdometry
 from sgslam.odometry.given_motion import GivenMotion
 from sgslam.odometry.timed import TimedOdometry
 from sgslam.types import Registration

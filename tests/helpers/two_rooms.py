@@ -7,11 +7,10 @@ from boxes import Array, pose
 from scipy.spatial.transform import Rotation
 
 from sgslam.backend import Backend
-from sgslam.backend.backend import Anchors, PlannedWall, RoomNode
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, transform_planes, transform_points
 from sgslam.geometry.trajectory_errors import align_se3
-from sgslam.mapping import KeyframeNode, SeenLevel, SeenWall
+from sgslam.mapping import Anchors, KeyframeNode, PlannedWall, RoomNode, SeenLevel, SeenWall
 
 # two rooms side by side, x 0 to 6 and 6.2 to 12; inward normals, in a frame whose floor is z = 0
 WALLS = np.array([[1.0, 0, 0, 0], [-1, 0, 0, 6], [0, 1, 0, 0], [0, -1, 0, 8], [1, 0, 0, -6.2], [-1, 0, 0, 12]])

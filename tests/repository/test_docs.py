@@ -34,7 +34,7 @@ from data.common.build import PACKAGES
 from data.common.cli import Parser
 from data.generation.demo_building import write_demo_building
 from sgslam.config import Config
-from sgslam.config.reference import parameters_page
+from sgslam.config.documented import parameters_page
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"

@@ -21,7 +21,7 @@ FLOORS = {  # sub-packages and modules of each package, the lowest first
     "data": "common bags geometry scene_graph trajectory imu scans streams slam_output ifc plans datasets generation "
     "simulation synthetic_maps simulate",
     "matching": "result arrays engine proposals training published combinatorial ambiguity matcher match train",
-    "factors": "noise planes rooms bim protocols match_checks anchors",
+    "factors": "noise planes bim anchors",
     "sgslam": "own_packages types config geometry serialization perception inertial surfels registration odometry "
     "mapping backend loops tracking anchoring as_built cloud_to_model session report result slam warm_up "
     "inspection viewer cli run evalio_pipeline live other_slam",

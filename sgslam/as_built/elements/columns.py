@@ -1,33 +1,122 @@
-"""The verdict on a column: where in plan view its body explains best what the rays around it met."""
+"""Where a column stands: its shift in plan view, by the rays that meet its body or pass its place."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data.geometry.raycast import TriangleScene
 from data.plans.bodies import PlannedElement
-from sgslam.as_built.elements.entries import Finding
 from sgslam.as_built.elements.likelihoods import (
-    BEHIND,
+    BEFORE,
+    DEPTH,
     LEAST_CELLS,
     LEAST_VIEWS,
-    REACH,
+    SPREAD,
     SURE,
+    THROUGH,
+    Finding,
+    Limits,
+    bell,
     pose_noise,
     verdict_on_offset,
 )
-from sgslam.as_built.elements.passing import Passing, passing
-from sgslam.as_built.elements.rays import Rays, View
-from sgslam.config.sensor import RANGE_NOISE
+from sgslam.as_built.elements.rays import Rays, SeenRays, View
+from sgslam.config.sensor import BUILDING, SENSOR
 
 Floats = NDArray[np.float64]
-_GRIDS = ((REACH, 0.05), (0.05, 0.01), (0.012, 0.003))  # m: half the side and step of grids of shifts, one in another
-_BLURRED = 0.04  # m, noise with which the coarse grid is searched, so that no shift falls between its places
+Flags = NDArray[np.bool_]
+_AROUND = 0.1  # m beyond the furthest shifted body
+_MOST = 2000  # rays of a column; more make it no more certain than the poses are
+_AT_OTHERS = 0.6  # of the rays that miss the body: those that end at what else is planned
+# m: half the side and step of grids of shifts, one in another
+_GRIDS = ((BUILDING.displaced, 0.05), (0.05, 0.01), (0.012, 0.003))
+_BLURRED = (
+    2 * SENSOR.range_noise
+)  # m, noise with which the coarse grid is searched, so that no shift falls between its places
 _LEAST_HITS = 10  # rays that end at the body, or pass its place
 _EXPLAINED = 0.5  # of the rays towards a moved column's planned place: those that pass or meet the column itself
 _WIDER = 0.3  # of what is met there: what the body does not explain
+
+
+@dataclass(frozen=True)
+class Passing:
+    """N rays that cross the disc in plan view in which the column is looked for; `enters`, `leaves` (N,) are the ranges
+    (m) at its edge, `others` (N,) that of what else is planned."""
+
+    rays: Rays
+    enters: Floats
+    leaves: Floats
+    others: Floats
+
+    @property
+    def shown(self) -> Flags:
+        """Which reach the disc."""
+        return self.rays.measured > self.enters
+
+    @property
+    def within(self) -> Flags:
+        """Which end in the disc, and not at what else is planned."""
+        ends = (self.rays.measured > self.enters) & (self.rays.measured < self.leaves)
+        return ends & (np.abs(self.rays.measured - self.others) > 3 * SENSOR.range_noise)
+
+    def ranges(self, body: TriangleScene, shifts: Floats) -> Floats:
+        """(S, N) at which the rays meet the body at each of the shifts (S, 3); inf where they miss it."""
+        count = len(self.rays.view)
+        origins = (self.rays.origin[None] - shifts[:, None]).reshape(-1, 3)
+        directions = np.broadcast_to(self.rays.direction, (len(shifts), count, 3)).reshape(-1, 3)
+        return body.distances(origins, directions).reshape(len(shifts), count)
+
+    def absent(self) -> float:
+        """The log-likelihood of the rays if nothing stands there."""
+        return float(np.sum(np.log(self._missing())))
+
+    def standing(self, body: TriangleScene, shifts: Floats, noise: float) -> Floats:
+        """(S,) log-likelihoods if the body stands at each of the shifts (S, 3), with a `noise` (m) of the ranges."""
+        missing = self._missing()
+        found = []
+        for shift in shifts:
+            met = self.ranges(body, shift[None])[0]
+            hits = met < self.others
+            off = self.rays.measured - np.where(hits, met, np.inf)
+            else_ = np.where(off < 0, BEFORE, THROUGH) / DEPTH
+            density = np.where(hits, (1 - BEFORE - THROUGH) * bell(off, noise) + else_, missing)
+            found.append(float(np.sum(np.log(density))))
+        return np.array(found)
+
+    def _missing(self) -> Floats:
+        """Densities (1/m) of what rays meet that miss the body: something else that is planned, or is not."""
+        beyond = self.rays.measured > self.leaves
+        unplanned = np.where(beyond, 1 - BEFORE - SPREAD, BEFORE + SPREAD) / DEPTH
+        off = self.rays.measured - self.others
+        planned = np.isfinite(self.others)
+        at = bell(np.where(planned, off, 0.0)) * planned
+        return np.asarray(np.where(planned, _AT_OTHERS * at + (1 - _AT_OTHERS) * unplanned, unplanned))
+
+
+def passing(index: int, solids: list[PlannedElement], rays: Rays) -> Passing:
+    """The rays close to the solid with this index that end in its disc or behind it."""
+    corners = solids[index].triangles.reshape(-1, 3)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    middle = (low + high) / 2
+    radius = float(np.linalg.norm((high - low)[:2])) / 2 + BUILDING.displaced + _AROUND
+    rays = rays[np.linalg.norm((rays.origin - middle)[:, :2], axis=1) < SENSOR.furthest]
+    level = np.linalg.norm(rays.direction[:, :2], axis=1)
+    to_middle = np.sum((middle - rays.origin)[:, :2] * rays.direction[:, :2], axis=1) / np.maximum(level, 1e-6)
+    aside = np.linalg.norm((middle - rays.origin)[:, :2], axis=1) ** 2 - to_middle**2
+    half = np.sqrt(np.maximum(radius**2 - aside, 0.0))
+    enters, leaves = (np.maximum(x, 0.0) / np.maximum(level, 1e-6) for x in (to_middle - half, to_middle + half))
+    z = rays.at((enters + leaves) / 2)[:, 2]
+    near = (half > 0) & (leaves > 0) & (z > low[2]) & (z < high[2]) & (rays.measured > enters)
+    chosen = np.flatnonzero(near)
+    chosen = chosen[:: max(1, len(chosen) // _MOST)]
+    rays, enters, leaves = rays[chosen], enters[chosen], leaves[chosen]
+    rest = [element.triangles for k, element in enumerate(solids) if k != index]
+    others = np.full(len(chosen), np.inf)
+    if rest and len(chosen):
+        others = TriangleScene(np.concatenate(rest)).distances(rays.origin, rays.direction)
+    return Passing(rays, enters, leaves, others)
 
 
 def is_column(element: PlannedElement) -> bool:
@@ -35,23 +124,22 @@ def is_column(element: PlannedElement) -> bool:
     return element.ifc_class.startswith("IfcColumn")
 
 
-def column_finding(
-    index: int, solids: list[PlannedElement], rays: Rays, views: Sequence[View], tolerance: float, shared: float
-) -> Finding:  # fmt: skip
-    """What the `rays` say of the solid with this index. Tolerance and shared error as in `element_verdicts`."""
+def column_finding(index: int, solids: list[PlannedElement], seen: SeenRays, limits: Limits) -> Finding:
+    """What the rays say of the solid with this index."""
+    views, rays = seen.views, seen.near(solids[index].triangles, index)
     body = TriangleScene(solids[index].triangles)
     near = passing(index, solids, rays)
     at_plan = near.ranges(body, np.zeros((1, 3)))[0]
     aimed = near.shown & (at_plan < near.others)
     if aimed.sum() < _LEAST_HITS:
         return Finding("not seen", "hidden by what is planned around it, or not in view")
-    told_by = aimed & (near.rays.measured > at_plan - 3 * RANGE_NOISE)
+    told_by = aimed & (near.rays.measured > at_plan - 3 * SENSOR.range_noise)
     if not near.shown.any():
         return Finding("not seen", "no ray reaches it")
     shift, stands, spread = _fit(near, body)
     met = near.ranges(body, shift[None])[0]
     visible = near.shown & (met < near.others)
-    at = visible & (np.abs(near.rays.measured - met) < 3 * RANGE_NOISE)
+    at = visible & (np.abs(near.rays.measured - met) < 3 * SENSOR.range_noise)
     through = told_by & (near.rays.measured > near.leaves)
     seen_by = np.unique(near.rays.view[at | through])
     count, share = len(seen_by), float((at | told_by).sum() / max((visible | aimed).sum(), 1))
@@ -65,7 +153,7 @@ def column_finding(
         return Finding("uncertain" if through.any() else "not seen", "mostly hidden", seen=share, views=count)
     corners = solids[index].triangles.reshape(-1, 3)[:, :2]
     outline = np.array([corners.min(axis=0), corners.max(axis=0)])
-    found = _standing(near, outline, shift, spread, at, views, (tolerance, shared), share)
+    found = _standing(near, outline, shift, spread, at, views, limits, share)
     if found.verdict == "moved" and np.sum(aimed & (at | told_by)) < _EXPLAINED * aimed.sum():
         why = f"{found.reason}; but something else hides its place"
         found = replace(found, verdict="uncertain", conclusive=False, reason=why)
@@ -74,20 +162,25 @@ def column_finding(
 
 
 def _standing(
-    near: Passing, outline: Floats, shift: Floats, spread: Floats, at: NDArray[np.bool_], views: Sequence[View],
-    limits: tuple[float, float], share: float,
-) -> Finding:  # fmt: skip
+    near: Passing,
+    outline: Floats,
+    shift: Floats,
+    spread: Floats,
+    at: NDArray[np.bool_],
+    views: Sequence[View],
+    limits: Limits,
+    share: float,
+) -> Finding:
     """The finding on a column of this planned `outline` (2, 2) that stands at this shift, with its covariance `spread`
     (2, 2)."""
-    tolerance, shared = limits
     seen_by = np.unique(near.rays.view[at])
     distance = float(np.linalg.norm(shift))
     direction = shift / distance if distance > 0 else np.array([1.0, 0.0, 0.0])
     own = float(np.sqrt(direction[:2] @ spread @ direction[:2]))
     poses = pose_noise([views[int(k)] for k in seen_by], direction)
-    sigma = float(np.linalg.norm([own, shared, poses.position]))
+    sigma = float(np.linalg.norm([own, limits.shared, poses.position]))
     # noise makes a vector longer, never shorter
-    verdict, sure = verdict_on_offset(float(np.sqrt(max(distance**2 - sigma**2, 0.0))), sigma, tolerance)
+    verdict, sure = verdict_on_offset(float(np.sqrt(max(distance**2 - sigma**2, 0.0))), sigma, limits.tolerance)
     reason = f"it stands {1000 * distance:.0f} mm off in plan view, by {int(at.sum())} rays"
     if verdict == "moved" and _may_be_before(near, outline + shift[:2], at):
         verdict, sure = "uncertain", False
@@ -100,7 +193,7 @@ def _may_be_before(near: Passing, outline: Floats, at: NDArray[np.bool_]) -> boo
     """Whether what was met is wider than the column, and was seen from one side alone. `outline` (2, 2) are the lowest
     and the highest x, y of the shifted body."""
     places = near.rays.at(near.rays.measured)[:, :2]
-    close = np.all((places > outline[0] - BEHIND) & (places < outline[1] + BEHIND), axis=1)
+    close = np.all((places > outline[0] - SENSOR.apart) & (places < outline[1] + SENSOR.apart), axis=1)
     clutter = np.sum(near.within & close & ~at)
     from_sensor = near.rays.direction[at]
     wider = clutter > _WIDER * (clutter + at.sum())
@@ -113,7 +206,7 @@ def _fit(near: Passing, body: TriangleScene) -> tuple[Floats, float, Floats]:
     shift, stands, spread = _best(near, body, _grid(*furthest), _BLURRED)
     spread = np.zeros((2, 2))
     for own in finer:
-        shift, stands, found = _best(near, body, shift + _grid(*own), RANGE_NOISE)
+        shift, stands, found = _best(near, body, shift + _grid(*own), SENSOR.range_noise)
         spread = max(spread, found, key=np.trace)
     return shift, stands, spread
 

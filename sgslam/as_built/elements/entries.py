@@ -1,18 +1,15 @@
 """The entries of elements.json: what was found of an element, in the tolerance classes of the trade."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 import shapely
 
 from data.plans.bodies import PlannedElement
 from data.scene_graph import Room, SceneGraph, Xy
+from sgslam.as_built.elements.likelihoods import Finding, Verdict
 from sgslam.as_built.elements.tolerance_classes import Compliance, angle_compliance, angle_limit, loa_class
-from sgslam.as_built.elements.turns import Turn
-
-Verdict = Literal["as planned", "moved", "absent", "not seen", "uncertain"]
-_BESIDE = 0.5  # m from a room's outline to an element that bounds it
+from sgslam.config.sensor import BUILDING
 
 
 @dataclass(frozen=True)
@@ -51,21 +48,6 @@ class ElementVerdict:
     grid: str = ""
 
 
-@dataclass(frozen=True)
-class Finding:
-    """What the sightings of an element say; the fields as in `ElementVerdict`."""
-
-    verdict: Verdict
-    reason: str
-    offset: float | None = None
-    direction: tuple[float, float, float] | None = None
-    sigma: float | None = None
-    turn: Turn | None = None
-    conclusive: bool = False
-    seen: float = 0.0
-    views: int = 0
-
-
 @dataclass(frozen=True, eq=False)
 class PlannedRooms:
     """The rooms of a plan that have an outline, their `outlines` in the same order, and the ids of `floors` by id and
@@ -92,12 +74,22 @@ def entry(element: PlannedElement, f: Finding, plan: PlannedRooms) -> ElementVer
         length = _length(element, f.direction)
         limit = angle_limit(length)
         kept = angle_compliance(turn.angle * length, turn.sigma * length, limit)
+    of_element = {name: getattr(element, name) for name in ("global_id", "name", "ifc_class", "storey", "grid")}
+    of_finding = {name: getattr(f, name) for name in ("verdict", "direction", "conclusive", "views", "reason")}
     return ElementVerdict(
-        element.global_id, element.name, element.ifc_class, element.storey, _rooms(element.storey, envelope, plan),
-        f.verdict, f.offset, f.direction, f.sigma, None if f.sigma is None else loa_class(f.sigma), f.conclusive,
-        None if turn is None else turn.angle, None if turn is None else turn.sigma, limit, kept,
-        round(f.seen, 3), f.views, f.reason, _corners(envelope), element.grid,
-    )  # fmt: skip
+        **of_element,
+        **of_finding,
+        rooms=_rooms(element.storey, envelope, plan),
+        offset_m=f.offset,
+        sigma_m=f.sigma,
+        loa=None if f.sigma is None else loa_class(f.sigma),
+        turn_rad=None if turn is None else turn.angle,
+        turn_sigma_rad=None if turn is None else turn.sigma,
+        din_18202_limit_m=limit,
+        din_18202=kept,
+        seen=round(f.seen, 3),
+        outline=_corners(envelope),
+    )
 
 
 def _length(element: PlannedElement, direction: tuple[float, float, float]) -> float:
@@ -107,7 +99,7 @@ def _length(element: PlannedElement, direction: tuple[float, float, float]) -> f
 
 
 def _rooms(storey: str, outline: shapely.Geometry, plan: PlannedRooms) -> tuple[str, ...]:
-    near = plan.outlines.query(outline, "dwithin", _BESIDE)
+    near = plan.outlines.query(outline, "dwithin", BUILDING.around)
     floor = plan.floors.get(storey)
     own = (plan.rooms[k] for k in sorted(near.tolist()))
     return tuple(room.name or room.id for room in own if floor in (None, room.floor))

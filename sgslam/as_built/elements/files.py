@@ -9,7 +9,7 @@ import logging
 import math
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -20,18 +20,37 @@ from sgslam.as_built.deviation_bands import UNPLANNED
 _log = logging.getLogger(__name__)
 JSON, CSV, XLSX = "elements.json", "elements.csv", "elements.xlsx"
 PICTURES = "heat_maps"  # a folder, of the export cloud-to-model
-COLUMNS = (
-    "name", "GlobalId", "class", "storey", "room", "grid", "verdict", "offset (m)", "direction (x y z)", "sigma (m)",
-    "LOA", "conclusive", "turn (deg)", "turn sigma (deg)", "DIN 18202 limit (m)", "DIN 18202", "seen", "views",
-    "length (m)", "ends x y (m)", "z (m)", "reason", "picture",
-)  # fmt: skip
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")  # begin a formula where a spreadsheet reads a text
 Cell = str | float | int | None
+Entry = Mapping[str, Any]  # of elements.json
+# of a planned element; the last one is added
+_COLUMNS: dict[str, Callable[[Entry], Cell]] = {
+    "name": lambda of: _text(of["name"]),
+    "GlobalId": lambda of: _text(of["global_id"]),
+    "class": lambda of: _text(of["ifc_class"]),
+    "storey": lambda of: _text(of["storey"]),
+    "room": lambda of: _text(", ".join(of["rooms"])),
+    "grid": lambda of: _text(of.get("grid", "")),
+    "verdict": lambda of: of["verdict"],
+    "offset (m)": lambda of: _rounded(of["offset_m"], 4),
+    "direction (x y z)": lambda of: _vector(of["direction"]),
+    "sigma (m)": lambda of: _rounded(of["sigma_m"], 4),
+    "LOA": lambda of: of["loa"],
+    "conclusive": lambda of: "yes" if of["conclusive"] else "no",
+    "turn (deg)": lambda of: _degrees(of["turn_rad"]),
+    "turn sigma (deg)": lambda of: _degrees(of["turn_sigma_rad"]),
+    "DIN 18202 limit (m)": lambda of: of["din_18202_limit_m"],
+    "DIN 18202": lambda of: of["din_18202"],
+    "seen": lambda of: of["seen"],
+    "views": lambda of: of["views"],
+    "length (m)": lambda of: None,
+    "ends x y (m)": lambda of: None,
+    "z (m)": lambda of: None,
+    "reason": lambda of: of["reason"],
+}
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")  # begin a formula where a spreadsheet reads a text
 
 
-def write_elements(
-    out: Path, elements: Sequence[Mapping[str, Any]], tolerance: float, unplanned: Sequence[Mapping[str, Any]] = ()
-) -> None:
+def write_elements(out: Path, elements: Sequence[Entry], tolerance: float, unplanned: Sequence[Entry] = ()) -> None:
     """Writes the files to the folder `out`, each atomically; `tolerance` (m) is that of the verdicts."""
     counts = Counter(entry["verdict"] for entry in elements)
     content = {"tolerance_m": tolerance, "counts": counts, "elements": elements, "unplanned": unplanned}
@@ -39,12 +58,12 @@ def write_elements(
     write_tables(out, elements, [wall for wall in unplanned if wall["kind"] == "wall-like"])
 
 
-def write_tables(out: Path, entries: Sequence[Mapping[str, Any]], unplanned: Sequence[Mapping[str, Any]] = ()) -> None:
+def write_tables(out: Path, entries: Sequence[Entry], unplanned: Sequence[Entry] = ()) -> None:
     """Writes the entries of elements.json as tables, with the pictures that are there; unplanned walls come last."""
-    rows = [[*_row(entry), _picture(out, entry["global_id"])] for entry in entries]
+    rows = [[*(cell(of) for cell in _COLUMNS.values()), _picture(out, of["global_id"])] for of in entries]
     rows += [_unplanned_row(entry) for entry in unplanned]
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([COLUMNS, *rows])
+    csv.writer(text, lineterminator="\n").writerows([[*_COLUMNS, "picture"], *rows])
     write_atomically(out / CSV, text.getvalue())
     if find_spec("openpyxl") is None:
         (out / XLSX).unlink(missing_ok=True)  # that of an earlier run in this folder
@@ -59,25 +78,19 @@ def remove_elements(out: Path) -> None:
         (out / name).unlink(missing_ok=True)
 
 
-def _row(of: Mapping[str, Any]) -> list[Cell]:
-    """All columns but the picture."""
-    named = [of[name] for name in ("name", "global_id", "ifc_class", "storey")]
-    texts = [_text(text) for text in (*named, ", ".join(of["rooms"]), of.get("grid", ""))]
-    return [
-        *texts, of["verdict"], _rounded(of["offset_m"], 4), _vector(of["direction"]), _rounded(of["sigma_m"], 4),
-        of["loa"], "yes" if of["conclusive"] else "no", _degrees(of["turn_rad"]), _degrees(of["turn_sigma_rad"]),
-        of["din_18202_limit_m"], of["din_18202"], of["seen"], of["views"], None, None, None, of["reason"],
-    ]  # fmt: skip
-
-
-def _unplanned_row(of: Mapping[str, Any]) -> list[Cell]:
+def _unplanned_row(of: Entry) -> list[Cell]:
     """All columns; those of what was planned are empty."""
     named: dict[str, Cell] = {
-        "name": of["id"], "storey": _text(of["storey"]), "room": _text(of["room"]), "verdict": UNPLANNED,
-        "length (m)": of["length_m"], "ends x y (m)": "; ".join(f"{x:.2f} {y:.2f}" for x, y in of["trace"]),
-        "z (m)": " to ".join(f"{z:.2f}" for z in of["height_m"]), "reason": of["reason"],
-    }  # fmt: skip
-    return [named.get(column) for column in COLUMNS]
+        "name": of["id"],
+        "storey": _text(of["storey"]),
+        "room": _text(of["room"]),
+        "verdict": UNPLANNED,
+        "length (m)": of["length_m"],
+        "ends x y (m)": "; ".join(f"{x:.2f} {y:.2f}" for x, y in of["trace"]),
+        "z (m)": " to ".join(f"{z:.2f}" for z in of["height_m"]),
+        "reason": of["reason"],
+    }
+    return [named.get(column) for column in (*_COLUMNS, "picture")]
 
 
 def picture_of(global_id: str) -> str:
@@ -115,9 +128,9 @@ def _workbook(rows: list[list[Cell]]) -> bytes:
     book = Workbook()
     sheet = book.active
     sheet.title = "elements"
-    for row in (COLUMNS, *rows):
+    for row in ([*_COLUMNS, "picture"], *rows):
         sheet.append(row)
-    for picture in sheet[get_column_letter(len(COLUMNS))][1:]:
+    for picture in sheet[get_column_letter(len(_COLUMNS) + 1)][1:]:
         picture.hyperlink = picture.value or None
     sheet.freeze_panes = "A2"
     sheet.auto_filter.ref = sheet.dimensions

@@ -1,4 +1,4 @@
-"""The rays of all keyframes, in the BIM frame, with what they would meet first in the plan."""
+"""The rays of all keyframes, in the BIM frame, what they would meet first in the plan, and what they met."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -8,12 +8,13 @@ from numpy.typing import NDArray
 
 from data.geometry.raycast import TriangleScene
 from data.plans.bodies import PlannedElement
-from sgslam.config.sensor import FURTHEST
+from sgslam.config.sensor import BUILDING, SENSOR
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-_AROUND = 0.9  # m around a body: as far as it may be displaced, and the edges of what it stands in
 _MOST_VIEWS = 150  # the nearest; more tell the same again, and a long run has thousands
+CELL = 0.25  # m, side of the cells of a surface that count once for each keyframe
+NORMAL_STEPS = 10  # of a unit vector's components, by which the faces of an element are distinguished
 
 
 @dataclass(frozen=True)
@@ -53,10 +54,7 @@ class Rays:
 
     def __getitem__(self, which: NDArray[np.bool_] | Ints | slice) -> "Rays":
         """Some of the rays."""
-        return Rays(
-            self.view[which], self.origin[which], self.direction[which], self.measured[which], self.planned[which],
-            self.owner[which],
-        )  # fmt: skip
+        return Rays(*(getattr(self, own.name)[which] for own in fields(Rays)))
 
     def at(self, ranges: Floats) -> Floats:
         """(N, 3) the places on the rays at these ranges (N,)."""
@@ -92,7 +90,9 @@ class SeenRays:
     def near(self, body: Floats, solid: int) -> Rays:
         """The rays that pass a body (M, 3, 3) closely, of the nearest views that would see the `solid` (index) in which
         it lies."""
-        return self._through(body, _AROUND, np.array(self._seen_by.get(solid, []), dtype=np.int64))
+        return self._through(
+            body, BUILDING.displaced + BUILDING.around, np.array(self._seen_by.get(solid, []), dtype=np.int64)
+        )
 
     def crossing(self, body: Floats, around: float) -> Rays:
         """The rays of the nearest views that pass the box about a body (M, 3, 3), wider by `around` (m)."""
@@ -104,7 +104,7 @@ class SeenRays:
         sensors = self._sensors[views]
         away = np.linalg.norm(np.maximum(np.maximum(low - sensors, sensors - high), 0.0), axis=1)
         own = np.argsort(away, kind="stable")[:_MOST_VIEWS]
-        found = [self._passing(int(k), low, high) for k in np.sort(views[own[away[own] < FURTHEST]])]
+        found = [self._passing(int(k), low, high) for k in np.sort(views[own[away[own] < SENSOR.furthest]])]
         nothing = np.empty(0, np.int64)
         empty = Rays(nothing, np.empty((0, 3)), np.empty((0, 3)), np.empty(0), np.empty(0), nothing)
         return Rays(*(np.concatenate([getattr(part, own.name) for part in (empty, *found)]) for own in fields(Rays)))
@@ -119,10 +119,8 @@ class SeenRays:
         which = (enters <= leaves) & (leaves > 0)
         owner = np.where(faces >= 0, self.owner[faces], -1) if len(self.owner) else faces
         count = int(which.sum())
-        return Rays(
-            np.full(count, number), np.tile(sensor, (count, 1)), direction[which], measured[which], planned[which],
-            owner[which],
-        )  # fmt: skip
+        kept = (own[which] for own in (direction, measured, planned, owner))
+        return Rays(np.full(count, number), np.tile(sensor, (count, 1)), *kept)
 
 
 def _met(view: View, scene: TriangleScene | None) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
@@ -131,3 +129,49 @@ def _met(view: View, scene: TriangleScene | None) -> tuple[NDArray[np.float32], 
         return np.full(len(view.points), np.inf, np.float32), np.full(len(view.points), -1, np.int32)
     planned, face = scene.faces(view.sensor, view.rays()[0])
     return planned.astype(np.float32), face.astype(np.int32)
+
+
+@dataclass(frozen=True)
+class Sightings:
+    """N sightings, one for each keyframe, cell of a surface: what was measured in it, in the median.
+
+    `element`, `view` are indices. `offset` (m) is the place of what was met, along the planned normal towards the
+    sensor: negative where rays go on behind the surface. `normal` (N, 3) is that normal, `cell` (N, 3) the cell.
+    """
+
+    element: Ints
+    view: Ints
+    offset: Floats
+    normal: Floats
+    cell: Ints
+
+
+def sightings(seen: SeenRays) -> Sightings:
+    """All sightings of the solids that the rays were compared with."""
+    parts = [_of_view(seen, k) for k in range(len(seen.views))]
+    rows = np.concatenate([np.empty((0, 9)), *parts])
+    whole = rows[:, [0, 1, 6, 7, 8]].astype(np.int64)
+    return Sightings(whole[:, 0], whole[:, 1], rows[:, 2], rows[:, 3:6], whole[:, 2:])
+
+
+def _of_view(seen: SeenRays, number: int) -> Floats:
+    """(M, 9) element, view, offset, normal and cell."""
+    rays, measured, planned, face = seen.of_view(number)
+    met = (face >= 0) & (planned < SENSOR.furthest)
+    rays, measured, planned, face = rays[met], measured[met], planned[met], face[met]
+    normal = seen.normal[face]
+    cosine = -np.sum(normal * rays, axis=1)
+    normal = np.where(cosine[:, None] < 0, -normal, normal)
+    cosine = np.abs(cosine)
+    good = cosine > SENSOR.least_cosine
+    rays, normal, face = rays[good], normal[good], face[good]
+    offset = (planned[good] - measured[good]) * cosine[good]
+    cell = np.floor((seen.views[number].sensor + planned[good, None] * rays) / CELL).astype(np.int64)
+    key = np.column_stack([seen.owner[face], np.rint(NORMAL_STEPS * normal).astype(np.int64), cell])
+    _, first, group = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    order = np.lexsort((offset, group.ravel()))
+    counts = np.bincount(group.ravel(), minlength=len(first))
+    last = np.cumsum(counts) - 1
+    median = (offset[order[last - counts // 2]] + offset[order[last - (counts - 1) // 2]]) / 2
+    columns = seen.owner[face][first], np.full(len(first), number), median, normal[first], cell[first]
+    return np.column_stack(columns)

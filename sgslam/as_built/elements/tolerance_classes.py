@@ -12,8 +12,15 @@ SURE_SIGMAS = 2.0  # as the guard band of JCGM 106: 95 % coverage
 # at 95 % confidence
 LOA = (("LOA50", 0.001), ("LOA40", 0.005), ("LOA30", 0.015), ("LOA20", 0.05))
 # m, DIN 18202, table 2: lengths of a surface, and how far one of its ends may lie off its planned direction
-_ANGLE_LIMITS = ((0.5, 0.003), (1.0, 0.006), (3.0, 0.008), (6.0, 0.012), (15.0, 0.016), (30.0, 0.020))
-_LONGEST_LIMIT = 0.030  # m, the same for longer surfaces
+_ANGLE_LIMITS = (
+    (0.5, 0.003),
+    (1.0, 0.006),
+    (3.0, 0.008),
+    (6.0, 0.012),
+    (15.0, 0.016),
+    (30.0, 0.020),
+    (math.inf, 0.030),
+)
 _UNITS = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
 _SMALLEST, _LARGEST = 0.001, 0.2  # m: below the first nothing is measured, above the second walls are other walls
 
@@ -44,7 +51,7 @@ def is_off(verdict: str, offset_m: float, sigma_m: float) -> bool:
 
 def angle_limit(length_m: float) -> float:
     """m, the largest deviation of a surface of this length from its planned direction by DIN 18202, table 2."""
-    return next((limit for longest, limit in _ANGLE_LIMITS if length_m <= longest), _LONGEST_LIMIT)
+    return next(limit for longest, limit in _ANGLE_LIMITS if length_m <= longest)
 
 
 def angle_compliance(deviation_m: float, sigma_m: float, limit_m: float) -> Compliance:

@@ -7,81 +7,67 @@ from numpy.typing import NDArray
 
 from data.plans.bodies import PlannedElement
 from sgslam.as_built.elements.columns import column_finding, is_column
-from sgslam.as_built.elements.entries import Finding
 from sgslam.as_built.elements.likelihoods import (
     BEFORE,
-    BEHIND,
     DEPTH,
-    GLASS,
     LEAST_CELLS,
     LEAST_VIEWS,
-    REACH,
     SPREAD,
     SURE,
     THROUGH,
+    Finding,
+    Limits,
+    bell,
     pose_noise,
     too_little,
+    turn_of,
     verdict_on_offset,
 )
 from sgslam.as_built.elements.openings import opening_finding
-from sgslam.as_built.elements.rays import SeenRays, View
-from sgslam.as_built.elements.sightings import CELL, Sightings
-from sgslam.as_built.elements.turns import turn_of
-from sgslam.config.sensor import RANGE_NOISE
+from sgslam.as_built.elements.rays import CELL, NORMAL_STEPS, SeenRays, Sightings, View
+from sgslam.config.sensor import BUILDING, SENSOR
 
 Floats = NDArray[np.float64]
-_PARALLEL = 0.99  # cosine between a face and the main axis of its body
-_SAME_AXIS = 0.1  # of unit vectors, by which their components are distinguished
 _LEAST_SHARE = 0.3  # of the sightings of a moved surface: if nearly all are before it, so may be what is taken for it
 
 
 def element_findings(
-    elements: Sequence[PlannedElement], rays: SeenRays, seen: Sightings, tolerance: float, shared: float
+    elements: Sequence[PlannedElement], rays: SeenRays, seen: Sightings, limits: Limits
 ) -> list[Finding]:
     """What was found of each element, in their order, by `rays` that were compared with those that are solid, and what
     they have `seen` of these.
 
-    `tolerance` (m) is the largest offset that counts as planned, `shared` (m) the standard deviation of the error that
-    all sightings of an element share. An element is moved or as planned by its likeliest offset, and `conclusive` where
-    two sigma do not reach the tolerance; where one sigma is larger than the tolerance, the measurement does not tell.
+    An element is moved or as planned by its likeliest offset, and `conclusive` where two sigma do not reach the
+    tolerance; where one sigma is larger than the tolerance, the measurement does not tell.
     """
-    views, solids = rays.views, [element for element in elements if element.kind == "solid"]
+    solids = [element for element in elements if element.kind == "solid"]
     order = np.argsort(seen.element, kind="stable")
     ends = np.searchsorted(seen.element[order], np.arange(len(solids) + 1))
     found: dict[str, Finding] = {}
     for k, element in enumerate(solids):
         if is_column(element):
-            found[element.global_id] = column_finding(
-                k, solids, rays.near(element.triangles, k), views, tolerance, shared
-            )
+            found[element.global_id] = column_finding(k, solids, rays, limits)
         else:
-            mine = order[ends[k] : ends[k + 1]]
-            found[element.global_id] = _solid(element, seen, mine, views, tolerance, shared)
+            found[element.global_id] = _solid(element, seen, order[ends[k] : ends[k + 1]], rays.views, limits)
     index = {element.global_id: k for k, element in enumerate(solids)}
     for opening in (element for element in elements if element.kind == "opening"):
         host = index.get(opening.wall)
         if host is None:
             found[opening.global_id] = Finding("not seen", "the plan has no wall around it")
             continue
-        near, built = rays.near(opening.triangles, host), found[opening.wall]
-        found[opening.global_id] = opening_finding(opening, solids, host, built, near, views, tolerance, shared)
+        found[opening.global_id] = opening_finding(opening, solids, host, found[opening.wall], rays, limits)
     return [found[element.global_id] for element in elements]
 
 
 def _solid(
-    element: PlannedElement,
-    seen: Sightings,
-    mine: NDArray[np.int64],
-    views: Sequence[View],
-    tolerance: float,
-    shared: float,
+    element: PlannedElement, seen: Sightings, mine: NDArray[np.int64], views: Sequence[View], limits: Limits
 ) -> Finding:
     """The likelihoods of the sightings of a body, if it stands at its best offset, and if it is absent.
 
     Rays pass through panes that the plan does not show, all that meet one of them together.
     """
     glazed, direction = element.pane > 0, _main_axis(element.triangles)
-    mine = mine[np.abs(seen.normal[mine] @ direction) > _PARALLEL]
+    mine = mine[np.abs(seen.normal[mine] @ direction) > BUILDING.parallel]
     count = len(np.unique(seen.view[mine]))
     cells = len(np.unique(seen.cell[mine], axis=0))
     if count < LEAST_VIEWS or cells < LEAST_CELLS:
@@ -92,9 +78,9 @@ def _solid(
     weight = 1 / counts[cell.ravel()]
     d = _mode(sign * offset, weight)
     before = offset - sign * d  # what was met, before (+) or behind (-) the surface that stands at d
-    at, through = np.abs(before) < 3 * RANGE_NOISE, before < -BEHIND
+    at, through = np.abs(before) < 3 * SENSOR.range_noise, before < -SENSOR.apart
     tells = weight * np.where(through, CELL**2 / element.pane, 1.0) if glazed else weight
-    stands = float(np.sum(tells * _log_standing(before, GLASS if glazed else THROUGH)))
+    stands = float(np.sum(tells * _log_standing(before, BUILDING.glass if glazed else THROUGH)))
     absent = float(np.sum(tells * _log_absent(offset)))
     share = float(np.sum(weight * (at | through)) / np.sum(weight))
     enough = 0.5 * LEAST_CELLS
@@ -104,18 +90,19 @@ def _solid(
         if glazed and np.sum(weight * through) >= np.sum(weight * at):
             return Finding("uncertain", "seen through: it is absent, elsewhere, or of glass", seen=share, views=count)
         return Finding("not seen" if not through.any() else "uncertain", "mostly hidden", seen=share, views=count)
-    scatter = RANGE_NOISE / np.sqrt(max(np.sum(weight * at), 1.0))
+    scatter = SENSOR.range_noise / np.sqrt(max(np.sum(weight * at), 1.0))
     poses = pose_noise([views[k] for k in np.unique(seen.view[mine[at]])], direction)
-    sigma = float(np.linalg.norm([scatter, shared, poses.position]))
+    sigma = float(np.linalg.norm([scatter, limits.shared, poses.position]))
     places = np.asarray(CELL * (seen.cell[mine[at]] + 0.5), dtype=np.float64)
-    turn = turn_of(places, (sign * offset)[at], weight[at], direction, RANGE_NOISE, poses)
+    turn = turn_of(places, (sign * offset)[at], weight[at], direction, SENSOR.range_noise, poses)
     d = float(np.median((sign * offset)[at]))
     n = (float(direction[0]), float(direction[1]), float(direction[2]))
-    verdict, sure = verdict_on_offset(abs(d), sigma, tolerance)
+    sides = np.unique(sign[at])
+    verdict, sure = verdict_on_offset(abs(d), sigma, limits.tolerance)
     reason = f"its surface is at {1000 * d:+.0f} mm, as measured {int(at.sum()):,} times"
     if verdict == "uncertain":
         reason = f"{reason}; a sigma of {1000 * sigma:.0f} mm is too large for the tolerance"
-    if verdict == "moved" and abs(d) > BEHIND / 2 and _could_be_furniture(sign[at], d):
+    if verdict == "moved" and abs(d) > SENSOR.apart / 2 and sides.size == 1 and sides[0] * d > 0:
         verdict, reason, sure = "uncertain", f"{reason}; in front of it on one side only: it may be furniture", False
     if (verdict == "moved" or not glazed) and np.sum(weight * through) > np.sum(weight * at):
         verdict, reason, sure = "uncertain", f"{reason}; most of it is seen through", False
@@ -128,13 +115,14 @@ def offset_along(seen: Sightings, solid: int, normal: Floats, span: tuple[float,
     """Metres along the upright `normal` (2,), by which most of one stretch of a face is off its plan; None where too
     little of it was seen. `span` are its ends along the face, leftward looking along the normal, from the origin."""
     along = CELL * (seen.cell[:, :2] + 0.5) @ np.array([-normal[1], normal[0]])
-    own = (seen.element == solid) & (seen.normal[:, :2] @ normal > _PARALLEL) & (along > span[0]) & (along < span[1])
+    within = (along > span[0]) & (along < span[1])
+    own = (seen.element == solid) & (seen.normal[:, :2] @ normal > BUILDING.parallel) & within
     _, cell, counts = np.unique(seen.cell[own], axis=0, return_inverse=True, return_counts=True)
     if len(counts) < LEAST_CELLS:
         return None
     offset = seen.offset[own]
     d = _mode(offset, 1 / counts[cell.ravel()])
-    near = np.abs(offset - d) < 3 * RANGE_NOISE
+    near = np.abs(offset - d) < 3 * SENSOR.range_noise
     return float(np.median(offset[near])) if near.any() else None
 
 
@@ -143,31 +131,26 @@ def _main_axis(triangles: Floats) -> Floats:
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2
     area = np.linalg.norm(normal, axis=1)
     axis = normal[area > 0] / area[area > 0, None]
-    leading = np.abs(axis[:, 0]) > _SAME_AXIS, np.abs(axis[:, 1]) > _SAME_AXIS
+    leading = np.abs(axis[:, 0]) > 1 / NORMAL_STEPS, np.abs(axis[:, 1]) > 1 / NORMAL_STEPS
     axis *= np.sign(np.select(leading, (axis[:, 0], axis[:, 1]), axis[:, 2]))[:, None]
-    _, first, group = np.unique(np.rint(axis / _SAME_AXIS), axis=0, return_index=True, return_inverse=True)
+    _, first, group = np.unique(np.rint(NORMAL_STEPS * axis), axis=0, return_index=True, return_inverse=True)
     return np.asarray(axis[first[np.argmax(np.bincount(group.ravel(), area[area > 0]))]])
 
 
 def _mode(shift: Floats, weight: Floats) -> float:
     """The shift that most cells agree on."""
-    candidates = np.arange(-REACH, REACH + 1e-9, RANGE_NOISE / 2)
-    near = np.exp(-0.5 * ((shift[None] - candidates[:, None]) / RANGE_NOISE) ** 2)
+    candidates = np.arange(-BUILDING.displaced, BUILDING.displaced + 1e-9, SENSOR.range_noise / 2)
+    near = np.exp(-0.5 * ((shift[None] - candidates[:, None]) / SENSOR.range_noise) ** 2)
     return float(candidates[np.argmax(near @ weight)])
 
 
 def _log_standing(before: Floats, gaps: float) -> Floats:
     """Log-densities (1/m) of what is met, if a surface with a share of `gaps` stands: it, and things on both sides."""
-    at = np.exp(-0.5 * (before / RANGE_NOISE) ** 2) / (RANGE_NOISE * np.sqrt(2 * np.pi))
     else_ = np.where(before > 0, BEFORE, gaps) / DEPTH
-    return np.asarray(np.log((1 - BEFORE - gaps) * at + else_))
+    return np.asarray(np.log((1 - BEFORE - gaps) * bell(before) + else_))
 
 
 def _log_absent(offset: Floats) -> Floats:
     """Log-densities (1/m), if nothing stands there: mostly what is behind, as much before it as if it stood."""
-    elsewhere = np.where(offset > 3 * RANGE_NOISE, BEFORE, SPREAD)
-    return np.asarray(np.log(np.where(offset < -BEHIND, 1 - BEFORE - SPREAD, elsewhere) / DEPTH))
-
-
-def _could_be_furniture(sign: Floats, d: float) -> bool:
-    return len(np.unique(sign)) == 1 and float(sign[0]) * d > 0
+    elsewhere = np.where(offset > 3 * SENSOR.range_noise, BEFORE, SPREAD)
+    return np.asarray(np.log(np.where(offset < -SENSOR.apart, 1 - BEFORE - SPREAD, elsewhere) / DEPTH))

@@ -14,20 +14,18 @@ from scipy.spatial import cKDTree
 from data.geometry.intervals import Intervals, common, united
 from data.scene_graph import SceneGraph, WallSurface, Xy
 from sgslam.as_built.elements.rays import SeenRays
-from sgslam.as_built.unplanned.stretches import Stretch, is_seen_through, stretches_of
-from sgslam.as_built.unplanned.unexplained import GRID
-from sgslam.as_built.unplanned.wall_faces import is_two_sided, one_wall_each
+from sgslam.as_built.unplanned.stretches import (
+    GRID,
+    Stretch,
+    is_seen_through,
+    is_two_sided,
+    one_wall_each,
+    stretches_of,
+)
+from sgslam.config.sensor import BUILDING
 
 Floats = NDArray[np.float64]
 Likeness = Literal["wall-like", "furniture-like"]
-_HIGH = 2.0  # m above the floor; cupboards end below
-_SCREEN = 1.3  # m above the floor; what is lower is no wall, however thin, and what begins above it hangs
-_SHORTEST_WALL = 0.75  # m
-_LONG = 1.5  # m, of a wall whose upper part was not in view
-_THIN = 0.25  # m, from face to face of a wall; low things that are thicker are furniture
-_LONGEST_LEAF, _TALLEST_LEAF, _HINGE = 1.3, 2.4, 1.0  # m: of a door, and from the middle of its opening
-_CUPBOARD = 0.8  # m, deepest thing that stands before a wall
-_LARGE = 0.3  # m, least extent of a thing that is listed
 _LEAST_CELLS = 8  # of a thing that is listed
 _BEFORE = 0.3  # m in front of a wall, where the room is that it is seen from
 
@@ -56,19 +54,20 @@ class UnplannedEntry:
 
 
 def unplanned_things(
-    cells: Floats, rays: SeenRays, s_graph: SceneGraph, T_bim_map: Floats, storeys: Mapping[str, str | None],
+    cells: Floats,
+    rays: SeenRays,
+    s_graph: SceneGraph,
+    T_bim_map: Floats,
+    storeys: Mapping[str, str | None],
     plan: SceneGraph,
-) -> list[UnplannedEntry]:  # fmt: skip
+) -> list[UnplannedEntry]:
     """What the unexplained `cells` (N, 3) show: walls first. `storeys` are the plan's, by the map's floors."""
     floors = {floor.id: floor.elevation or 0.0 for floor in s_graph.floors}
-    stretches = [
-        stretch for surface in s_graph.wall_surfaces
-        for stretch in stretches_of(surface, T_bim_map, floors.get(surface.floor or "", 0.0), cells)
-        if not is_seen_through(stretch, rays)
-    ]  # fmt: skip
     by_floor: dict[str, list[Stretch]] = {}
-    for stretch in stretches:
-        by_floor.setdefault(stretch.floor, []).append(stretch)
+    for surface in s_graph.wall_surfaces:
+        for stretch in stretches_of(surface, T_bim_map, floors.get(surface.floor or "", 0.0), cells):
+            if not is_seen_through(stretch, rays):
+                by_floor.setdefault(stretch.floor, []).append(stretch)
     found, rest = [], np.ones(len(cells), dtype=bool)
     for floor, own in by_floor.items():
         bottom = float((T_bim_map @ [0.0, 0.0, floors.get(floor, 0.0), 1.0])[2])
@@ -88,19 +87,23 @@ def _is_wall(
     """Whether the stretches of one thing are long and tall enough, and not the front of a cupboard or a door's leaf."""
     low, top = min(own.height[0] for own in wall) - bottom, max(own.height[1] for own in wall) - bottom
     along, across = _extent(wall)
-    if along < _SHORTEST_WALL or low > _SCREEN or (top < _TALLEST_LEAF and _is_leaf(wall, along, doors)):
+    if along < BUILDING.shortest_wall or low > BUILDING.screen:
         return False
-    if is_two_sided(wall) and across < _THIN:
-        return top > _SCREEN
-    tall = top > _HIGH or (along > _LONG and not any(is_seen_through(own, rays, _HIGH - top) for own in wall))
-    return top > _SCREEN and tall and not any(_stands_before(stretch, planned) for stretch in wall)
+    if top < BUILDING.tallest_leaf and _is_leaf(wall, along, doors):
+        return False
+    if is_two_sided(wall) and across < BUILDING.thin_wall:
+        return top > BUILDING.screen
+    if top <= BUILDING.screen or any(_stands_before(stretch, planned) for stretch in wall):
+        return False
+    unseen = BUILDING.cupboard - top
+    return unseen < 0 or (along > BUILDING.long_wall and not any(is_seen_through(own, rays, unseen) for own in wall))
 
 
 def _is_leaf(wall: Sequence[Stretch], along: float, doors: Floats) -> bool:
     """Whether a thing of this length (m) ends at the hinge of one of the doors with these middles (K, 2)."""
     ends = np.concatenate([[stretch.first, stretch.last] for stretch in wall])
     away = np.linalg.norm(ends[:, None] - doors, axis=2)
-    return bool(along < _LONGEST_LEAF and (away < _HINGE).any())
+    return bool(along < BUILDING.longest_leaf and (away < BUILDING.hinge).any())
 
 
 def _stands_before(stretch: Stretch, planned: Sequence[WallSurface]) -> bool:
@@ -109,7 +112,7 @@ def _stands_before(stretch: Stretch, planned: Sequence[WallSurface]) -> bool:
     covered: Intervals = []
     for wall in planned:
         away, half = np.array(wall.centroid) - middle, 0.5 * (wall.length or 0.0)
-        if wall.normal @ stretch.normal > 0.95 and -_CUPBOARD < float(away @ stretch.normal) < 0:
+        if wall.normal @ stretch.normal > 0.95 and -BUILDING.cupboard_depth < float(away @ stretch.normal) < 0:
             along = float(away @ tangent)
             covered.append((along - half, along + half))
     own = common([(-stretch.length / 2, stretch.length / 2)], united(covered))
@@ -130,12 +133,18 @@ def _wall(wall: Sequence[Stretch], storey: str | None, plan: SceneGraph) -> Unpl
     along = (np.concatenate([[stretch.first, stretch.last] for stretch in wall]) - middle) @ tangent
     first, last = (middle + at * tangent for at in (along.max(), along.min()))
     low, high = min(stretch.height[0] for stretch in wall), max(stretch.height[1] for stretch in wall)
+    both = " from both sides" if is_two_sided(wall) else ""
     return UnplannedEntry(
-        longest.id, "wall-like", _room((first + last) / 2 + _BEFORE * n, storey, plan), _storey(storey, plan),
-        (_xy(first), _xy(last)), float(np.ptp(along)), (low, high), _xy(n),
+        longest.id,
+        "wall-like",
+        *_whereabouts((first + last) / 2 + _BEFORE * n, storey, plan),
+        (_xy(first), _xy(last)),
+        float(np.ptp(along)),
+        (low, high),
+        _xy(n),
         tuple(dict.fromkeys(stretch.id for stretch in wall)),
-        f"{np.ptp(along):.1f} m long, seen over {high - low:.1f} m of height{' from both sides' * is_two_sided(wall)}",
-    )  # fmt: skip
+        f"{np.ptp(along):.1f} m long, seen over {high - low:.1f} m of height{both}",
+    )
 
 
 def _things(cells: Floats, plan: SceneGraph) -> Iterator[UnplannedEntry]:
@@ -148,33 +157,33 @@ def _things(cells: Floats, plan: SceneGraph) -> Iterator[UnplannedEntry]:
     order = np.argsort(cluster, kind="stable")
     levels = sorted((floor.elevation, floor.id) for floor in plan.floors if floor.elevation is not None)
     for own in np.split(cells[order], np.flatnonzero(np.diff(cluster[order])) + 1):
-        if len(own) < _LEAST_CELLS or np.ptp(own, axis=0).max() < _LARGE:
+        if len(own) < _LEAST_CELLS or np.ptp(own, axis=0).max() < BUILDING.least_thing:
             continue
         middle = own.mean(axis=0)
         storey = next((key for z, key in reversed(levels) if z < own[:, 2].max()), None)
         _, axes = np.linalg.eigh(np.cov((own[:, :2] - middle[:2]).T))
         along = (own[:, :2] - middle[:2]) @ axes[:, 1]
-        ends = tuple(_xy(middle[:2] + at * axes[:, 1]) for at in (along.max(), along.min()))
+        first, last = (_xy(middle[:2] + at * axes[:, 1]) for at in (along.max(), along.min()))
         heights = float(own[:, 2].min()) - GRID / 2, float(own[:, 2].max()) + GRID / 2
-        x, y, z = middle.tolist()
+        where, reason = " ".join(f"{x:.1f}" for x in middle), "that nothing planned explains"
         yield UnplannedEntry(
-            f"thing at {x:.1f} {y:.1f} {z:.1f}", "furniture-like", _room(middle[:2], storey, plan),
-            _storey(storey, plan), (ends[0], ends[1]), float(np.ptp(along)), heights, _xy(axes[:, 0]), (),
-            f"{len(own)} cells of {1000 * GRID:.0f} mm that nothing planned explains",
-        )  # fmt: skip
+            f"thing at {where}",
+            "furniture-like",
+            *_whereabouts(middle[:2], storey, plan),
+            (first, last),
+            float(np.ptp(along)),
+            heights,
+            _xy(axes[:, 0]),
+            (),
+            f"{len(own)} cells of {1000 * GRID:.0f} mm {reason}",
+        )
 
 
-def _storey(key: str | None, plan: SceneGraph) -> str:
-    return next((floor.name or floor.id for floor in plan.floors if floor.id == key), "")
-
-
-def _room(place: Floats, storey: str | None, plan: SceneGraph) -> str:
-    """The name of the plan's room that contains a place (2,)."""
-    for room in plan.rooms:
-        here = storey is None or room.floor in (None, storey)
-        if here and room.polygon and shapely.contains_xy(shapely.Polygon(room.polygon), *place):
-            return room.name or room.id
-    return ""
+def _whereabouts(place: Floats, storey: str | None, plan: SceneGraph) -> tuple[str, str]:
+    """The names of the plan's room that contains a place (2,), and of its storey; empty where it has none there."""
+    rooms = (room for room in plan.rooms if room.polygon and (storey is None or room.floor in (None, storey)))
+    here = (room.name or room.id for room in rooms if shapely.contains_xy(shapely.Polygon(room.polygon), *place))
+    return next(here, ""), next((floor.name or floor.id for floor in plan.floors if floor.id == storey), "")
 
 
 def _xy(place: Floats) -> Xy:

@@ -24,8 +24,7 @@ from sgslam.cli.options import RunOptions, Triple
 from sgslam.config import Config
 from sgslam.config.loading import load_config
 from sgslam.geometry.trajectory_errors import associate
-from sgslam.odometry.external import ExternalOdometry
-from sgslam.odometry.factory import choose
+from sgslam.odometry.factory import ExternalOdometry, choose
 from sgslam.perception.scan_checks import in_metres_and_sensor_frame
 from sgslam.result.saving import prepare_folder
 from sgslam.session import PriorMap

@@ -11,7 +11,7 @@ from data import Room, SceneGraph, WallSurface
 from sgslam.anchoring.anchored_rooms import anchor_statuses, matched_rooms, planned_walls, room_anchors
 from sgslam.anchoring.wall_alignment import AlignedWall, WallAlignment
 from sgslam.mapping import PlannedWall, Scene
-from sgslam.mapping.graph_nodes import RoomNode
+from sgslam.mapping.keyframes import RoomNode
 
 SEEN = WallSurface("s", "r", (1.0, 0.0), (0.0, 1.0), 2.0, height=(0.0, 2.0))
 PLANNED = WallSurface("a", "A", (1.0, 0.0), (0.0, 1.0), 2.0)

@@ -10,10 +10,9 @@ from boxes import Array, pose
 from two_rooms import CONFIG, HEIGHT, WALLS, Run, anchors_of, angle_between, built_otherwise
 
 from sgslam.backend import Backend
-from sgslam.backend.backend import Anchors, PlannedWall, RoomNode
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, local_coordinates, transform_planes
-from sgslam.mapping import KeyframeNode, SeenWall
+from sgslam.mapping import Anchors, KeyframeNode, PlannedWall, RoomNode, SeenWall
 
 FAR = pose(3.0, -8.0, 12.5, 2.5)  # T_bim_building
 AMID = pose(0.0, 0.0, 0.0, 2.5) @ pose(-6.0, -4.0, 0.0)  # the BIM frame lies amid the building

@@ -11,8 +11,8 @@ from two_rooms import CONFIG, Run, anchors_of
 
 import factors
 from sgslam.backend import Backend, FactorLog
-from sgslam.backend.backend import Anchors
 from sgslam.backend.factor_log import Entry, Kind
+from sgslam.mapping import Anchors
 
 SPOILT = 40  # a keyframe amid the run
 

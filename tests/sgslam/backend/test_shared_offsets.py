@@ -6,7 +6,7 @@ import pytest
 from gtsam.symbol_shorthand import B, P, R, W, X
 
 import factors
-from sgslam.backend.shared_offsets import shared_offsets
+from sgslam.backend.covariances import shared_offsets
 from sgslam.mapping import PlannedWall
 
 SIGMA = 0.012  # m

@@ -11,7 +11,7 @@ from boxes import Array, Box, pose, scan, scene_of
 from data.simulation import SpinningSensor
 from sgslam.backend import Backend
 from sgslam.config import Config, SurfaceSettings
-from sgslam.config.loop_settings import LoopSettings
+from sgslam.config.models import LoopSettings
 from sgslam.geometry.frames import inverse
 from sgslam.loops import LoopCloser
 from sgslam.loops.pass_alignment import Submap, register

@@ -7,7 +7,7 @@ from boxes import Array, pose
 from sgslam.config import LevelSettings
 from sgslam.geometry.frames import inverse, transform_planes, transform_points
 from sgslam.mapping import LevelMap
-from sgslam.mapping.level_map import LevelRegister
+from sgslam.mapping.level_map import Register
 from sgslam.perception import LevelObservation
 
 Level = tuple[float, bool, float]  # height in the map, whether it is a floor, area
@@ -15,7 +15,7 @@ Level = tuple[float, bool, float]  # height in the map, whether it is a floor, a
 
 def filled(*keyframes: list[Level], apart: float = 1.0) -> tuple[LevelMap, Array]:
     """A map of keyframes that saw surfaces; and their poses (K, 4, 4)."""
-    levels, poses = LevelMap(LevelSettings(), LevelRegister()), []
+    levels, poses = LevelMap(LevelSettings(), Register()), []
     for k, surfaces in enumerate(keyframes):
         poses.append(pose(apart * k, 0.0, 0.0, 0.3 * k, 0.1, -0.1))
         levels.add(k, poses[-1], [seen(poses[-1], *surface) for surface in surfaces])

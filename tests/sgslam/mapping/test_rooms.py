@@ -9,8 +9,7 @@ from boxes import Array, Box, pose
 from wall_pieces import outlines
 
 from sgslam.config import RoomSettings
-from sgslam.mapping.free_space import free_space
-from sgslam.mapping.rooms import Segmentation, segment
+from sgslam.mapping.rooms import Segmentation, free_space, segment
 
 Place = tuple[float, float]
 OUTER: list[Box] = [

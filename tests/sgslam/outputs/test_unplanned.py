@@ -15,8 +15,7 @@ from two_rooms_seen import NEAR_ROOM, NOTHING, Corner, Floats, Places, box
 from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface
 from sgslam.as_built.elements.files import write_elements
 from sgslam.as_built.unplanned.entries import UnplannedEntry
-from sgslam.as_built.unplanned.stretches import Stretch
-from sgslam.as_built.unplanned.wall_faces import one_wall_each
+from sgslam.as_built.unplanned.stretches import Stretch, one_wall_each
 from sgslam.report.elements import shown_as_element
 from sgslam.report.page import report_html
 

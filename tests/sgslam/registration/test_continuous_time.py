@@ -19,8 +19,7 @@ from data.trajectory import Trajectory
 from sgslam.config import Config, TrackingSettings
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.odometry.timed import Kind, TimedOdometry
-from sgslam.registration.motion import pose_at
-from sgslam.registration.sampling import thinned
+from sgslam.registration.motion import pose_at, thinned
 from sgslam.registration.smoothing import smoothed
 from sgslam.tracking import RunTracker
 from sgslam.types import Motion, Registration

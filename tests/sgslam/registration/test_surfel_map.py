@@ -10,7 +10,7 @@ from walks import SCAN_NS, surfels_of
 from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import transform_points
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
-from sgslam.registration.relocation import shares_seen_through
+from sgslam.registration.health import shares_seen_through
 from sgslam.surfels import SurfelMap
 from sgslam.surfels.search import nearest_plane
 

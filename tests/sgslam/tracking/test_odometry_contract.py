@@ -16,8 +16,7 @@ from data.trajectory import Trajectory
 from sgslam.config import Config, OdometrySettings
 from sgslam.geometry.frames import inverse, is_rigid, transform_points
 from sgslam.odometry import METHODS
-from sgslam.odometry.external import ExternalOdometry
-from sgslam.odometry.factory import choose
+from sgslam.odometry.factory import ExternalOdometry, choose
 from sgslam.odometry.given_motion import GivenMotion
 from sgslam.registration.motion import deskewed, pose_at
 from sgslam.slam import SceneGraphSlam
