@@ -14,8 +14,8 @@ import shapely.geometry
 from data.common.files import write_json
 from data.generation.plan_mesh import LINTEL, SLAB, extruded
 from data.geometry.areas import Area, difference, united
-from data.ifc.enclosed_rooms import closed_faces
 from data.ifc.writer import IfcWriter, Prism
+from data.walls.rooms import closed_faces
 
 Rng = np.random.Generator
 KINDS = ("parking", "office", "warehouse")

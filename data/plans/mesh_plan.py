@@ -17,14 +17,25 @@ from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 from data.geometry.areas import Area, closed, difference, opened, united
 from data.geometry.level_faces import level_faces
-from data.ifc.enclosed_rooms import GAP, MIN_AREA, PASSABLE, STOREY
-from data.ifc.levels import PlannedLevels, level_surfaces
-from data.ifc.rooms import Level, RoomVolume, finished
-from data.ifc.surfaces import CUTS, PASSAGE, open_area, surfaces_at
-from data.plans.flat_plan import DOORWAY, doors_of
 from data.plans.mesh_files import read_triangles
-from data.plans.mesh_sections import MeshSolid, mesh_solid
 from data.scene_graph import Door, Floor, LevelSurface, Room, SceneGraph, WallSurface
+from data.walls.levels import PlannedLevels, level_surfaces
+from data.walls.rooms import (
+    DOORWAY,
+    GAP,
+    MIN_AREA,
+    PASSABLE,
+    PASSAGE,
+    STOREY,
+    Level,
+    RoomVolume,
+    doors_of,
+    finished,
+    open_area,
+    width_of,
+)
+from data.walls.solids import MeshSolid, mesh_solid
+from data.walls.surfaces import CUTS, surfaces_at
 
 Array = NDArray[np.float64]
 LINTELS = (1.95, 2.05, 2.15, 2.3, 2.45, 2.6)  # m above the floor, where doorways have an upper end
@@ -50,7 +61,7 @@ def read_mesh(path: Path | str, *more: Path | str) -> MeshBuilding:
     Raises UserError where the file cannot be read or has no walls standing on a floor.
     """
     triangles = read_triangles(path, *more)
-    solid = mesh_solid(triangles, Path(path).stem)
+    solid = mesh_solid(triangles)
     levels: list[Level] = []
     doors: list[Door] = []
     surfaces: list[WallSurface] = []
@@ -119,7 +130,7 @@ def _level(solid: MeshSolid, z: float, floor: Area, number: int) -> tuple[Level,
     """A storey with its rooms by position, and its doorways."""
     walls = united(solid.section(z + height) for height in CUTS)
     overhead = opened(difference(united(solid.section(z + height) for height in LINTELS), walls), SLIVER)
-    doorways = [p for p in shapely.get_parts(overhead) if p.area > 0 and _longer_side(p) <= DOORWAY]
+    doorways = [p for p in shapely.get_parts(overhead) if p.area > 0 and width_of(p) <= DOORWAY]
     shut = closed(united([walls, *doorways]), GAP)
     inside = united(shapely.Polygon(p.exterior) for p in shapely.get_parts(united([floor, walls])))
     parts = [p for p in shapely.get_parts(opened(difference(inside, shut), PASSAGE)) if p.area >= MIN_AREA]
@@ -131,13 +142,8 @@ def _level(solid: MeshSolid, z: float, floor: Area, number: int) -> tuple[Level,
         finished(RoomVolume(Room(f"{key}/room-{k}", (0.0, 0.0), key, f"Room {k}"), part, z, z + STOREY))
         for k, part in enumerate(parts, 1)
     )
-    passable = [d for d in doorways if _longer_side(d) >= PASSABLE]
+    passable = [d for d in doorways if width_of(d) >= PASSABLE]
     return Level(key, z, solid.top, volumes, open_area(shut, parts)), passable
-
-
-def _longer_side(area: Area) -> float:
-    corners = np.asarray(shapely.oriented_envelope(area).exterior.coords)
-    return float(np.linalg.norm(np.diff(corners, axis=0), axis=1).max())
 
 
 def main() -> int:
