@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from data.common.cli import Parser, run_command
-from data.plans.mesh_files import MESH_SUFFIXES
+from data.plans.mesh_plan import MESH_SUFFIXES
 from data.scans.writers import SCAN_WRITERS
 from data.simulation import Changes
 from data.simulation.carriers import CARRIERS, carrier_named

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import ifcopenshell
 import ifcopenshell.geom
+import ifcopenshell.guid
 import numpy as np
 from ifcopenshell.util.element import get_aggregate, get_container, get_parts
 from numpy.typing import NDArray
@@ -46,6 +47,13 @@ def open_ifc(path: Path | str) -> ifcopenshell.file:
         return ifcopenshell.open(str(path))
     except Exception as error:  # ifcopenshell raises its own kinds, OSError and RuntimeError
         raise UserError(f"{path}: cannot be read as IFC ({type(error).__name__}); give an IFC file") from None
+
+
+def self_test() -> None:
+    """Raises if ifcopenshell does not work on this machine."""
+    model = ifcopenshell.file(schema="IFC4")
+    model.create_entity("IfcProject", ifcopenshell.guid.new())
+    assert len(model.by_type("IfcProject")) == 1
 
 
 def _open_zip(path: Path) -> ifcopenshell.file:

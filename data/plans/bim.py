@@ -8,8 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from data.common.errors import UserError
-from data.common.files import user_cache, write_json
-from data.common.json_files import read_json
+from data.common.files import read_json, user_cache, write_json
 from data.ifc.guard import read_guarded
 from data.scene_graph import SceneGraph
 

@@ -16,8 +16,7 @@ from data.common.errors import UserError
 from data.geometry.areas import Area
 from data.geometry.raycast import TriangleScene
 from data.ifc.products import IfcProduct, open_ifc, products
-from data.plans.mesh_files import is_mesh
-from data.plans.mesh_plan import read_mesh
+from data.plans.mesh_plan import is_mesh, read_mesh
 from data.simulation.changes import AS_PLANNED, Change, Changes
 from data.simulation.changes.as_built import as_built, recut
 from data.simulation.changes.draws import draw_changes, draw_tolerances, of_class

@@ -58,7 +58,7 @@ def _trajectory(run: "RunFolder") -> "Trajectory":
 
 
 def _kitti(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
-    from data.trajectory.formats import write_kitti
+    from data.trajectory.readers import write_kitti
 
     trajectory = _trajectory(run)
     write_kitti(trajectory, run.path / KITTI, run.path / KITTI_TIMES)
@@ -66,7 +66,7 @@ def _kitti(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]
 
 
 def _euroc(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
-    from data.trajectory.formats import write_euroc
+    from data.trajectory.readers import write_euroc
 
     trajectory = _trajectory(run)
     write_euroc(trajectory, run.path / EUROC)
@@ -74,7 +74,7 @@ def _euroc(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]
 
 
 def _ply(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
-    from data.scans.ply import write_ply
+    from data.scans.writers import write_ply
 
     voxel = voxel or run.config.clouds.map_voxel
     points, _, keyframes = map_points(run, voxel)

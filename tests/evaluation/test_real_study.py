@@ -14,7 +14,7 @@ from slabim_form import SESSION, write_slabim
 from small_ifc import write_small_ifc
 
 from data.datasets import data_set_in
-from data.datasets.hilti import POINTS
+from data.datasets.published import POINTS
 from data.scans import ScanFolder
 from data.simulation.simulate import simulate
 from data.trajectory import Trajectory
