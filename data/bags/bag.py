@@ -82,7 +82,6 @@ class _Part:
         return +found
 
     def messages(self, topic: str) -> Iterator[Record]:
-        """See `Bag.messages`."""
         last = None
         try:
             with _reader(self.path) as reader:

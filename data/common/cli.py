@@ -81,7 +81,6 @@ class WarningList(logging.Handler):
         self.lines = lines
 
     def emit(self, record: logging.LogRecord) -> None:
-        """See `logging.Handler`."""
         line = record.getMessage()
         if line not in self.lines:
             self.lines.append(line)

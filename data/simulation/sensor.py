@@ -105,7 +105,6 @@ class PatternSensor:
     rate: float = 10.0
 
     def rays(self, scan: int) -> tuple[Array, Array]:
-        """As in `Sensor`."""
         seconds = np.arange(self.points) / (self.points * self.rate)
         a, e = self.curve(scan / self.rate + seconds)
         return np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=-1), seconds

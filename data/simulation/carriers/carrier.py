@@ -77,12 +77,10 @@ class SmoothMotion:
         return CubicSpline(np.arange(len(rows)) / KNOTS, rows)
 
     def ground(self, seconds: Array) -> Array:
-        """As in `Motion`."""
         knots = np.arange(len(self.way)) / KNOTS
         return np.column_stack([np.interp(seconds, knots, column) for column in self.way.T])
 
     def poses(self, seconds: Array) -> Array:
-        """As in `Motion`."""
         return xyzquat_to_poses(self._spline(np.clip(seconds, 0.0, self.duration)))
 
 
@@ -115,11 +113,9 @@ class LevelMotion:
         return self.drive.duration
 
     def ground(self, seconds: Array) -> Array:
-        """As in `Motion`."""
         return self.drive.at(np.clip(seconds, 0.0, self.duration))
 
     def poses(self, seconds: Array) -> Array:
-        """As in `Motion`."""
         poses = self.ground(seconds)
         T = np.tile(np.eye(4), (len(poses), 1, 1))
         c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
@@ -170,15 +166,12 @@ class _ShakenMotion:
 
     @property
     def duration(self) -> float:
-        """As in `Motion`."""
         return self.calm.duration
 
     def ground(self, seconds: Array) -> Array:
-        """As in `Motion`."""
         return self.calm.ground(seconds)
 
     def poses(self, seconds: Array) -> Array:
-        """As in `Motion`."""
         since = np.asarray(seconds, float) - self.shaken.begin
         faded = np.clip(np.minimum(since, self.shaken.lasts - since) / FADED, 0.0, 1.0)
         phase = 2 * np.pi * SHAKES * since

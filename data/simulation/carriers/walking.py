@@ -44,7 +44,6 @@ class Walker(Carrier):
     lever: float = 0.0
 
     def motion(self, drive: Drive, level: float, seed: int) -> SmoothMotion:
-        """As in `Carrier`."""
         way, rng = rounded_way(drive, level), np.random.default_rng([seed, 31])
         yaw, roll, pitch = self._attitude(way, rng)
         attitude = Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll]))

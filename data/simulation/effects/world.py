@@ -77,7 +77,6 @@ class _Instant:
     rng: np.random.Generator
 
     def distances(self, origins: Array, directions: Array) -> Array:
-        """As in `Scene`."""
         world, cosines = self.world, np.ones(len(directions))
         if world.returns is None:
             ranges = world.solid.distances(origins, directions)
