@@ -2,7 +2,6 @@
 closed.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import ifcopenshell
@@ -12,8 +11,7 @@ from numpy.typing import NDArray
 
 from data.geometry.areas import Area, closed, difference, overlap, polygons_of, united
 from data.ifc.doors import across, body_of
-from data.scene_graph import Room
-from data.walls.rooms import GAP, STOREY, Level, RoomVolume, closed_faces, finished, halls, open_area
+from data.walls.rooms import GAP, STOREY, Level, RoomVolume, closed_faces, doorways, halls, open_area, rooms_of_faces
 from data.walls.solids import Solid
 from data.walls.surfaces import CUTS
 
@@ -108,10 +106,8 @@ def _of_one_level(faces: list[Face]) -> list[Face]:
 def _rooms(level: Level, faces: list[Face], levels: list[Level]) -> tuple[RoomVolume, ...]:
     """Each from the level up to the next one that a storey fits under."""
     top = next((above.bottom for above in levels if above.bottom >= level.bottom + STOREY), levels[-1].top)
-    prefix = level.floor or f"level {level.bottom:.2f}"
-    rooms = [Room(f"{prefix}/room-{k}", (0.0, 0.0), level.floor, f"Room {k}") for k in range(1, len(faces) + 1)]
-    volumes = zip(rooms, faces, strict=True)
-    return tuple(finished(RoomVolume(room, face.area, level.bottom, top)) for room, face in volumes)
+    key = level.floor or f"level {level.bottom:.2f}"
+    return rooms_of_faces((face.area for face in faces), key, level.floor, level.bottom, top)
 
 
 def _shut_walls(z: float, solids: list[Solid], fillings: list[Filling]) -> Area:
@@ -120,18 +116,10 @@ def _shut_walls(z: float, solids: list[Solid], fillings: list[Filling]) -> Area:
     parts = []
     for solid in standing:
         body = united(solid.section(z + height) for height in CUTS)
-        parts += [body, *_doorways(difference(solid.shadow(), body))]
+        parts += [body, *doorways(difference(solid.shadow(), body), DOORWAY)]
     walls = united(parts)
     shut = (_shut(walls, f) for f in fillings if f.low < z + HEAD < f.high)
     return closed(united([walls, *shut]), GAP)
-
-
-def _doorways(openings: Area) -> Iterable[Area]:
-    """The openings under a lintel that are no wider than a doorway."""
-    for part in shapely.get_parts(openings):
-        corners = np.asarray(shapely.oriented_envelope(part).exterior.coords) if part.area > 0 else np.zeros((5, 2))
-        if np.linalg.norm(np.diff(corners, axis=0), axis=1).max() <= DOORWAY:
-            yield part
 
 
 def _shut(walls: Area, filling: Filling) -> Area:

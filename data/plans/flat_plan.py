@@ -15,13 +15,12 @@ from data.walls.rooms import (
     DOORWAY,
     GAP,
     Level,
-    RoomVolume,
     closed_faces,
     doors_of,
-    finished,
     gaps,
     halls,
     open_area,
+    rooms_of_faces,
 )
 from data.walls.solids import Prism
 from data.walls.surfaces import surfaces_at
@@ -124,10 +123,7 @@ def _between_walls(storey: FlatStorey, floor: Floor) -> SceneGraph:
     faces = closed_faces(shut)
     gained, gates = halls(shut, faces)
     faces += gained
-    volumes = tuple(
-        finished(RoomVolume(Room(f"{floor.id}/room-{k}", (0.0, 0.0), floor.id, f"Room {k}"), face, bottom, top))
-        for k, face in enumerate(faces, 1)
-    )
+    volumes = rooms_of_faces(faces, floor.id, floor.id, bottom, top)
     level = Level(floor.id, bottom, top, volumes, open_area(united([shut, *gates]), faces))
     found = sorted(surfaces_at(level, [Prism.of(walls, bottom, top)]), key=lambda s: s.room is None)
     surfaces = tuple(_named(s, f"{floor.id}/surface-{k}", storey) for k, s in enumerate(found, 1))

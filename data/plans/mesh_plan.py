@@ -17,20 +17,19 @@ from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 from data.geometry.areas import Area, closed, difference, opened, united
 from data.geometry.level_faces import level_faces
-from data.scene_graph import Door, Floor, LevelSurface, Room, SceneGraph, WallSurface
+from data.scene_graph import Door, Floor, LevelSurface, SceneGraph, WallSurface
 from data.walls.levels import PlannedLevels, level_surfaces
 from data.walls.rooms import (
-    DOORWAY,
     GAP,
     MIN_AREA,
     PASSABLE,
     PASSAGE,
     STOREY,
     Level,
-    RoomVolume,
     doors_of,
-    finished,
+    doorways,
     open_area,
+    rooms_of_faces,
     width_of,
 )
 from data.walls.solids import MeshSolid, mesh_solid
@@ -132,19 +131,16 @@ def _level(solid: MeshSolid, z: float, floor: Area, number: int) -> tuple[Level,
     """A storey with its rooms by position, and its doorways."""
     walls = united(solid.section(z + height) for height in CUTS)
     overhead = opened(difference(united(solid.section(z + height) for height in LINTELS), walls), SLIVER)
-    doorways = [p for p in shapely.get_parts(overhead) if p.area > 0 and width_of(p) <= DOORWAY]
-    shut = closed(united([walls, *doorways]), GAP)
+    lintels = doorways(overhead)
+    shut = closed(united([walls, *lintels]), GAP)
     inside = united(shapely.Polygon(p.exterior) for p in shapely.get_parts(united([floor, walls])))
     parts = [p for p in shapely.get_parts(opened(difference(inside, shut), PASSAGE)) if p.area >= MIN_AREA]
     parts.sort(key=lambda p: (round(p.centroid.x, 2), round(p.centroid.y, 2)))
     if walls.is_empty:
         parts = []
     key = f"storey-{number + 1}"
-    volumes = tuple(
-        finished(RoomVolume(Room(f"{key}/room-{k}", (0.0, 0.0), key, f"Room {k}"), part, z, z + STOREY))
-        for k, part in enumerate(parts, 1)
-    )
-    passable = [d for d in doorways if width_of(d) >= PASSABLE]
+    volumes = rooms_of_faces(parts, key, key, z, z + STOREY)
+    passable = [d for d in lintels if width_of(d) >= PASSABLE]
     return Level(key, z, solid.top, volumes, open_area(shut, parts)), passable
 
 

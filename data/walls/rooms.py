@@ -1,5 +1,6 @@
 """Rooms as the closed faces between walls; their doors; where one could be outside of them."""
 
+import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -58,6 +59,19 @@ def finished(volume: RoomVolume) -> RoomVolume:
     polygon = tuple((float(x), float(y)) for x, y in outer.exterior.coords[:-1])
     centroid = (float(outer.centroid.x), float(outer.centroid.y))
     return replace(volume, room=replace(volume.room, centroid=centroid, polygon=polygon))
+
+
+def rooms_of_faces(
+    faces: Iterable[Area], key: str, floor: str | None, bottom: float, top: float
+) -> tuple[RoomVolume, ...]:
+    """The faces as rooms between two heights; their ids are `key` and a number by position."""
+    rooms = (Room(f"{key}/room-{k}", (0.0, 0.0), floor, f"Room {k}") for k in itertools.count(1))
+    return tuple(finished(RoomVolume(room, face, bottom, top)) for face, room in zip(faces, rooms, strict=False))
+
+
+def doorways(openings: Area, widest: float = DOORWAY) -> list[Area]:
+    """The openings under a lintel that are no wider than a doorway."""
+    return [part for part in shapely.get_parts(openings) if part.area > 0 and width_of(part) <= widest]
 
 
 def open_area(walls: Area, rooms: Iterable[Area]) -> Area:
