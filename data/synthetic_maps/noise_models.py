@@ -254,7 +254,7 @@ def surviving_walls(storey: Storey, rooms: Index, rng: np.random.Generator) -> O
     wall = np.concatenate(kept)
     centre = storey.centre[wall] + LOCAL_SHIFT * (rng.random((len(wall), 2)) - 0.5)
     heading = storey.heading[wall] + LOCAL_TURN * (rng.random(len(wall)) - 0.5)
-    return ObservedWalls(wall, storey.room[wall], centre, heading, storey.length[wall])
+    return ObservedWalls(centre, heading, storey.half[wall], wall, storey.room[wall])
 
 
 def global_noise(rng: np.random.Generator) -> Array:
