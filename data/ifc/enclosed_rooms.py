@@ -17,7 +17,6 @@ from data.walls.surfaces import CUTS
 
 FILLINGS = ("IfcDoor", "IfcWindow")
 HEAD = 1.0  # m above the level: what stands there is a wall of the level
-DOORWAY = 1.2  # m: a wider opening in a wall that no door fills joins what lies on its sides
 BEGINS = 0.5  # m: what begins this close to a level belongs to it
 SAME = 0.7  # of the larger one's area: the same face
 
@@ -50,7 +49,7 @@ class Face:
 def rooms_between(model: ifcopenshell.file, levels: list[Level], solids: list[Solid]) -> list[Level]:
     """The levels, those that have closed faces between their walls with these as rooms.
 
-    `solids` are the walls and columns. Gaps up to GAP and openings with a door or window, or up to DOORWAY, count as
+    `solids` are the walls and columns. Gaps up to GAP and openings with a door or window, or no wider than a doorway, count as
     closed. Of the same face at levels too close to each other for two storeys (split levels), the one is kept where
     its doors, else its walls, begin. Room ids are the storey's GlobalId and a number by position.
     """
@@ -116,7 +115,7 @@ def _shut_walls(z: float, solids: list[Solid], fillings: list[Filling]) -> Area:
     parts = []
     for solid in standing:
         body = united(solid.section(z + height) for height in CUTS)
-        parts += [body, *doorways(difference(solid.shadow(), body), DOORWAY)]
+        parts += [body, *doorways(difference(solid.shadow(), body))]
     walls = united(parts)
     shut = (_shut(walls, f) for f in fillings if f.low < z + HEAD < f.high)
     return closed(united([walls, *shut]), GAP)

@@ -69,9 +69,9 @@ def rooms_of_faces(
     return tuple(finished(RoomVolume(room, face, bottom, top)) for face, room in zip(faces, rooms, strict=False))
 
 
-def doorways(openings: Area, widest: float = DOORWAY) -> list[Area]:
+def doorways(openings: Area) -> list[Area]:
     """The openings under a lintel that are no wider than a doorway."""
-    return [part for part in shapely.get_parts(openings) if part.area > 0 and width_of(part) <= widest]
+    return [part for part in shapely.get_parts(openings) if part.area > 0 and width_of(part) <= DOORWAY]
 
 
 def open_area(walls: Area, rooms: Iterable[Area]) -> Area:
