@@ -18,15 +18,14 @@ from dataclasses import replace
 import numpy as np
 
 from data.common.cli import Parser, run_command
-from data.plans.mesh_files import MESH_SUFFIXES
+from data.plans.mesh_plan import MESH_SUFFIXES
 from data.scans.writers import SCAN_WRITERS
 from data.simulation import Changes
 from data.simulation.carriers import CARRIERS, carrier_named
-from data.simulation.effects import EFFECTS
-from data.simulation.effects.names import ALL
+from data.simulation.effects import ALL, EFFECTS
 from data.simulation.imu import IMUS
 from data.simulation.run import IMU
-from data.simulation.sensors import SENSORS, sensor_named
+from data.simulation.sensor import SENSORS, sensor_named
 from data.simulation.simulate import simulate
 
 _CHANGED = {
@@ -139,18 +138,38 @@ def main() -> int:
     """Runs the command. Raises UserError."""
     args = _parser().parse_args()
     carrier = carrier_named(args.carrier, args.pace, args.reversed)
-    robot = None if args.speed is None else replace(carrier.robot, speed=args.speed)
-    effects = [name for names in args.effects for name in names]
+    if args.speed is not None:
+        carrier = replace(carrier, robot=replace(carrier.robot, speed=args.speed))
+    if args.sensor_height is not None:
+        carrier = replace(carrier, height=args.sensor_height)
     run = simulate(
-        args.bim, args.storey or "", args.out, args.seed, args.min_rooms, args.min_length,
-        sensor_named(args.sensor, args.azimuths), robot,
-        args.sensor_height, args.format,
+        args.bim,
+        args.storey or "",
+        args.out,
+        args.seed,
+        args.min_rooms,
+        args.min_length,
+        sensor_named(args.sensor, args.azimuths),
+        carrier,
+        [name for names in args.effects for name in names],
         Changes(
-            args.moved_walls, args.absent_walls, args.unplanned_walls, args.moved_by, args.displaced_openings,
-            args.filled_openings, args.displaced_columns, args.absent_columns, args.displaced_by,
+            args.moved_walls,
+            args.absent_walls,
+            args.unplanned_walls,
+            args.moved_by,
+            args.displaced_openings,
+            args.filled_openings,
+            args.displaced_columns,
+            args.absent_columns,
+            args.displaced_by,
         ),
-        args.and_back, carrier, args.mount, effects, args.seconds, args.imu, args.stamp,
-    )  # fmt: skip
+        mount_deg=args.mount,
+        and_back=args.and_back,
+        seconds=args.seconds,
+        imu=args.imu,
+        stamped=args.stamp,
+        scan_format=args.format,
+    )
     storeys = list(dict.fromkeys(run.storeys))
     reached = {storeys[0], *(room.storey for room in run.rooms)}
     names = ", ".join(f"'{name}'" for name in storeys if name in reached)

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict
 from data.common.errors import UserError
 from data.generation.level_building import STOREY, Kind
 from data.plans import load_bim
-from data.plans.mesh_files import is_mesh
+from data.plans.mesh_plan import is_mesh
 from data.scene_graph import SceneGraph
 
 GENERATED = "generated/"

@@ -21,6 +21,7 @@ from data.common.files import write_atomically
 from data.imu import ImuSamples, read_imu
 from data.scans import Scan, ScanFolder
 from data.simulation import Change
+from data.simulation.changes import AS_PLANNED
 from data.simulation.run import IMU
 from data.trajectory import Trajectory
 from evaluation.buildings import building_file, building_named, locked
@@ -159,14 +160,14 @@ def _folder(case: DriveCase, work: Path) -> Path:
 
 
 def _simulated(case: DriveCase, work: Path, folder: Path) -> Drive:
-    from data.simulation.carriers import Shaken, carrier_named
-    from data.simulation.sensors import sensor_named
+    from data.simulation.carriers import carrier_named, shaken
+    from data.simulation.sensor import sensor_named
     from data.simulation.simulate import simulate
 
     bim, storey = building_file(case.building, work)
     carrier = carrier_named(case.carrier, case.pace, case.backwards)
     if case.trouble == "shaken":
-        carrier = Shaken(carrier, BEGINS * (case.seconds or 0.0))
+        carrier = shaken(carrier, BEGINS * (case.seconds or 0.0))
     if case.changes and case.changes not in BUILDING:
         raise UserError(f"changes '{case.changes}': no such changes of a building; use {', '.join(BUILDING)}")
     whole = case.seconds is None
@@ -181,7 +182,7 @@ def _simulated(case: DriveCase, work: Path, folder: Path) -> Drive:
         mount_deg=case.mount_deg,
         effects=("rolling", *case.effects),
         seconds=None if whole else case.seconds + ONE_MORE_S,  # type: ignore[operator]
-        changes=BUILDING.get(case.changes),
+        changes=BUILDING.get(case.changes, AS_PLANNED),
         imu=case.imu,
     )
     stamps = run.truth.stamps_ns

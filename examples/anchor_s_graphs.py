@@ -16,7 +16,7 @@ from data import SceneGraph
 from data.common.cli import run_command
 from data.common.errors import UserError
 from data.geometry.poses import poses_to_xyzquat
-from data.scene_graph.g2o import PlaneGraph, plane_of, read_g2o
+from data.slam_output.g2o import PlaneGraph, plane_of, read_g2o
 from matching import Matcher
 
 STEP, FIXED = factors.noise_of_pose(0.01, 0.05), factors.noise_of_pose(1e-4, 1e-4)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from data import SceneGraph, WallSurface
 from data.generation.buildings import generate_plan
 from data.geometry.poses import poses_to_xyzquat
-from data.scans.ply import write_ply
+from data.scans.writers import write_ply
 from factors import plane_from_wall
 
 Array = NDArray[np.float64]

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from data.common.build import build
-from data.common.children import end_with_parent
 from data.common.cli import Parser, add_workers, run_command
 from data.common.cluster import in_order
 from data.common.errors import UserError
 from data.common.files import write_json
+from data.common.processes import end_with_parent
 
 if TYPE_CHECKING:
     from torch.utils.data import Dataset
@@ -48,7 +48,7 @@ def main(arguments: list[str] | None = None) -> int:
         raise UserError("training needs PyTorch; pip install 'sgslam[torch]'") from None
 
     from data.plans import read_plans
-    from data.plans.splits import split_of
+    from data.plans.sources import split_of
     from matching.proposals.network import Settings
     from matching.training.data import Drawing, held_out, seeds_of
     from matching.training.export import save_network

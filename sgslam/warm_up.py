@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from data.common.compiling import Compilation
+from data.common.compiled import Compilation
 from matching import Matcher
 from matching.matcher import make_ready
 from sgslam.config import Config

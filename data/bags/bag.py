@@ -3,10 +3,11 @@
 from collections import Counter
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-from data.bags.recovery import Record, Recovery, normal_type
+from data.bags.in_order import Record, normal_type, records_in
 from data.common.errors import UserError
 from data.common.files import natural_key
 
@@ -61,7 +62,7 @@ class Bag:
 
 @dataclass
 class _Part:
-    """One file, or a ROS 2 bag's folder: read by rosbags, from where that fails record by record."""
+    """One file, or a ROS 2 bag's folder: read by rosbags, from where that fails in the file's order."""
 
     path: Path
     types: frozenset[str]
@@ -77,11 +78,10 @@ class _Part:
                     found[topic] += count if msgtype in self.types else 0
         except Exception as error:  # rosbags raises many kinds on garbage
             self._failed(error)
-            found = Counter(r.topic for r in self._recovered() if r.msgtype in self.types)
+            found = Counter(r.topic for r in self._in_order())
         return +found
 
     def messages(self, topic: str) -> Iterator[Record]:
-        """See `Bag.messages`."""
         last = None
         try:
             with _reader(self.path) as reader:
@@ -93,21 +93,20 @@ class _Part:
             return
         except Exception as error:
             self._failed(error)
-        for record in self._recovered():
-            if record.topic == topic and record.msgtype in self.types and (last is None or record.log_ns > last):
+        for record in self._in_order():
+            if record.topic == topic and (last is None or record.log_ns > last):
                 yield record
 
-    def _recovered(self) -> Iterator[Record]:
+    def _in_order(self) -> Iterator[Record]:
         for file in _bags_in(self.path) if self.path.is_dir() else [self.path]:
-            recovery = Recovery(file)
-            yield from recovery
-            if recovery.damage:
-                self.damage = recovery.damage
+            try:
+                yield from (record for record in records_in(file) if record.msgtype in self.types)
+            except Exception as error:  # each library raises kinds of its own
+                self._failed(error)
 
     def _failed(self, error: Exception) -> None:
-        text = (str(error).splitlines() or [""])[0][:120]
-        if not text.startswith(_FOREIGN):
-            self.damage = text or type(error).__name__
+        if not str(error).startswith(_FOREIGN):
+            self.damage = f"it was cut off or is damaged ({reason(error)})"
 
 
 def _reader(path: Path) -> Any:
@@ -118,3 +117,25 @@ def _reader(path: Path) -> Any:
     from rosbags.rosbag2 import Reader as Ros2Reader
 
     return Ros2Reader(path)
+
+
+def decoded(data: bytes, msgtype: str, is_cdr: bool) -> Any:
+    """The standard message that ROS 2 (`is_cdr`) or ROS 1 serialised, as an object with its fields.
+
+    Raises many kinds of exceptions for garbage, as its library does.
+    """
+    types = _types(is_cdr)
+    return types.deserialize_cdr(data, msgtype) if is_cdr else types.deserialize_ros1(data, msgtype)
+
+
+def reason(error: Exception) -> str:
+    """What a library says of bytes that it cannot read, in a line."""
+    first = (str(error).splitlines() or [""])[0][:120]
+    return f"{type(error).__name__}: {first}" if first else type(error).__name__
+
+
+@cache
+def _types(is_cdr: bool) -> Any:
+    from rosbags.typesys import Stores, get_typestore
+
+    return get_typestore(Stores.ROS2_HUMBLE if is_cdr else Stores.ROS1_NOETIC)

@@ -10,8 +10,8 @@ from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from data.common.build import build
-from data.common.children import end_with_parent
 from data.common.errors import UserError
+from data.common.processes import end_with_parent
 
 PATIENCE_S = 5.0  # with a scheduler that does not answer, or has no worker
 RETRIES = 2  # of a task that raises; how often its worker may die is Dask's `allowed-failures`

@@ -3,6 +3,7 @@
 import atexit
 import logging
 import shutil
+import subprocess
 import sys
 import tempfile
 import time
@@ -18,11 +19,13 @@ from numba import config, njit
 
 from data.common.build import PRODUCT
 from data.common.files import user_cache
+from data.common.processes import environment
 
 _F = TypeVar("_F", bound=Callable[..., object])
 MOST_VERSIONS = 5  # on disk, of some 12 MB each; more only if they were used within a day
 _DAY = 86400.0  # s
 _log = logging.getLogger(__name__)
+_MESSAGE = "compiling the loops of tracking and matching, once per installed version: about a minute on two cores"
 
 
 def sources(root: Path) -> list[Path]:
@@ -95,3 +98,30 @@ def _compiled(function: _F, inline: str) -> _F:
     finally:
         config.CACHE_DIR = others
     return fast
+
+
+class Compilation:
+    """Calls functions of modules, each in a process of its own, unless this version's code was compiled before.
+
+    What they compile the others can load. If a process fails, its functions are compiled when they are first needed.
+    """
+
+    def __init__(self, *works: Callable[[], object]) -> None:
+        self._done, quiet = FOLDER / "all.done", subprocess.DEVNULL
+        works = () if self._done.exists() else works
+        if works:
+            print(_MESSAGE, file=sys.stderr)
+        codes = [f"from {work.__module__} import {work.__qualname__} as work; work()" for work in works]
+        own = {**environment(), "NUMBA_CACHE_DIR": str(FOLDER.parent)}
+        self._processes = [
+            subprocess.Popen([sys.executable, "-c", code], env=own, stdin=quiet, stdout=quiet, stderr=quiet)
+            for code in codes
+        ]
+        for process in self._processes:
+            atexit.register(process.kill)  # of a command that ends before with a mistake of the user
+
+    def wait(self) -> None:
+        """Returns when all is compiled."""
+        if self._processes and not any([process.wait() for process in self._processes]):
+            with suppress(OSError):
+                self._done.touch()

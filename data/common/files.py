@@ -1,4 +1,5 @@
-"""Atomic files, written completely or not at all; the order of files by their names; the user's cache."""
+"""Atomic files, written completely or not at all; users' JSON and text files; the order of files by their names; the
+user's cache."""
 
 import json
 import os
@@ -67,3 +68,15 @@ def text_lines(path: Path, wanted: str) -> list[str]:
         raise UserError(f"{path}: cannot be read ({error.strerror}); give {wanted}") from None
     except UnicodeDecodeError:
         raise UserError(f"{path}: not text; give {wanted}") from None
+
+
+def read_json(path: Path | str, wanted: str) -> Any:
+    """Returns the file's value. Raises UserError if it cannot be read or is not JSON; `wanted` says what to give
+    instead.
+    """
+    try:
+        return json.loads(Path(path).read_bytes())
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror}); give {wanted}") from None
+    except (ValueError, RecursionError):  # ValueError covers bad encodings and numbers of thousands of digits
+        raise UserError(f"{path}: not JSON; give {wanted}") from None

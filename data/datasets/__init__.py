@@ -3,10 +3,8 @@
 from pathlib import Path
 
 from data.common.errors import UserError
-from data.datasets.conslam import Conslam
-from data.datasets.data_set import DataSet, Recording
-from data.datasets.hilti import Hilti2021
-from data.datasets.listed import LISTS, Listed
+from data.datasets.data_set import LISTS, DataSet, Listed, Recording
+from data.datasets.published import Conslam, Hilti2021
 from data.datasets.slabim import Slabim, SlabimSession
 
 KNOWN: tuple[type[DataSet], ...] = (Listed, Slabim, Hilti2021, Conslam)  # in order of recognition

@@ -7,9 +7,8 @@ import numpy as np
 import shapely
 
 from data.generation.cells import treemap
-from data.generation.features import furnished
 from data.generation.layouts import apartment, racetrack, wing_cells, wings_drawn
-from data.generation.storey import HALLS, Cell, Storey, Walls, built
+from data.generation.storey import HALLS, Cell, Storey, Walls, built, furnished
 from data.plans import Plan
 from data.plans.polygons import MIN_EDGE, DrawnRoom, Points, edges_of, room_of, surfaces_of
 from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface

@@ -3,6 +3,16 @@
 import numpy as np
 from numpy.typing import NDArray
 
+# (12, 3) the triangles of a box whose corners come in the order of their x, then y, then z
+BOX_FACES = np.array(
+    [
+        face
+        for a, b, c, d in ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+        for face in ((a, b, c), (a, c, d))
+    ],
+    dtype=np.int32,
+)
+
 
 class TriangleScene:
     """Triangles (M, 3, 3) in metres, kept about a local origin because Embree counts in float32."""

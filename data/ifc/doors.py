@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from data.geometry.areas import Area, overlap, polygons_of
 from data.ifc.products import triangulated
-from data.ifc.rooms import RoomVolume
 from data.scene_graph import Door
+from data.walls.rooms import RoomVolume
 
 REACH = 1.0  # m: a room begins this close to the middle of a door
 STANDING = 0.3  # m of a room in front of a door, enough to stand in it

@@ -2,7 +2,6 @@
 closed.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import ifcopenshell
@@ -10,23 +9,15 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from data.geometry.areas import Area, closed, difference, enclosed, opened, overlap, polygons_of, united
+from data.geometry.areas import Area, closed, difference, overlap, polygons_of, united
 from data.ifc.doors import across, body_of
-from data.ifc.edges import OPENING_WIDTH, ends_of, is_pillar, straightened
-from data.ifc.rooms import Level, RoomVolume, finished
-from data.ifc.sections import Solid
-from data.ifc.surfaces import CUTS, PASSAGE, open_area
-from data.scene_graph import Room
+from data.walls.rooms import GAP, STOREY, Level, RoomVolume, closed_faces, doorways, halls, open_area, rooms_of_faces
+from data.walls.solids import Solid
+from data.walls.surfaces import CUTS
 
 FILLINGS = ("IfcDoor", "IfcWindow")
 HEAD = 1.0  # m above the level: what stands there is a wall of the level
-GAP = 0.3  # m: walls this close to each other meet
-DOORWAY = 1.2  # m: a wider opening in a wall that no door fills joins what lies on its sides
-MIN_AREA = 1.5  # m2: below it, a shaft
-JAMB = 0.7  # m: no wall's end is wider
-PASSABLE = 0.5  # m: a narrower gap between walls is no door
 BEGINS = 0.5  # m: what begins this close to a level belongs to it
-STOREY = 2.2  # m: no storey is lower
 SAME = 0.7  # of the larger one's area: the same face
 
 
@@ -58,9 +49,9 @@ class Face:
 def rooms_between(model: ifcopenshell.file, levels: list[Level], solids: list[Solid]) -> list[Level]:
     """The levels, those that have closed faces between their walls with these as rooms.
 
-    `solids` are the walls and columns. Gaps up to GAP and openings with a door or window, or up to DOORWAY, count as
-    closed. Of the same face at levels too close to each other for two storeys (split levels), the one is kept where
-    its doors, else its walls, begin. Room ids are the storey's GlobalId and a number by position.
+    `solids` are the walls and columns. Gaps up to GAP and openings with a door or window, or no wider than a doorway,
+    count as closed. Of the same face at levels too close to each other for two storeys (split levels), the one is kept
+    where its doors, else its walls, begin. Room ids are the storey's GlobalId and a number by position.
     """
     fillings = [f for f in map(_filling, (f for c in FILLINGS for f in model.by_type(c))) if f is not None]
     shut = [_shut_walls(level.bottom, solids, fillings) for level in levels]
@@ -114,42 +105,8 @@ def _of_one_level(faces: list[Face]) -> list[Face]:
 def _rooms(level: Level, faces: list[Face], levels: list[Level]) -> tuple[RoomVolume, ...]:
     """Each from the level up to the next one that a storey fits under."""
     top = next((above.bottom for above in levels if above.bottom >= level.bottom + STOREY), levels[-1].top)
-    prefix = level.floor or f"level {level.bottom:.2f}"
-    rooms = [Room(f"{prefix}/room-{k}", (0.0, 0.0), level.floor, f"Room {k}") for k in range(1, len(faces) + 1)]
-    volumes = zip(rooms, faces, strict=True)
-    return tuple(finished(RoomVolume(room, face.area, level.bottom, top)) for room, face in volumes)
-
-
-def closed_faces(walls: Area) -> list[Area]:
-    """The closed faces between walls in which one could be, by position."""
-    faces = [f for f in enclosed(walls) if f.area >= MIN_AREA and opened(f, PASSAGE).area >= MIN_AREA]
-    return sorted(faces, key=lambda f: (round(f.centroid.x, 2), round(f.centroid.y, 2)))
-
-
-def halls(walls: Area, faces: list[Area]) -> tuple[list[Area], list[Area]]:
-    """The faces outside the given ones that are closed but for gaps of a gate's width, and these gaps."""
-    parts = shapely.get_parts(straightened(walls))
-    gates = list(gaps(shapely.MultiPolygon([p for p in parts if not is_pillar(p)]), OPENING_WIDTH))
-    inside = united(faces)
-    found = closed_faces(united([walls, *gates])) if gates else []
-    gained = [f for f in found if overlap(f, inside).area < f.area / 2]
-    return gained, [g for g in gates if any(f.distance(g) < GAP for f in gained)]
-
-
-def gaps(walls: Area, widest: float) -> Iterable[Area]:
-    """The gaps before walls' ends that another wall closes within `widest` metres."""
-    edges = ends_of(walls, JAMB)
-    if not edges:
-        return
-    middles = np.array([e.point(e.length / 2) for e in edges])
-    normals = np.array([e.normal for e in edges])
-    sights = shapely.linestrings(np.stack([middles + 0.01 * normals, middles + widest * normals], axis=1))
-    met = shapely.intersection(sights, walls)
-    between = shapely.distance(shapely.points(middles), met)
-    for edge, gap in zip(edges, between.tolist(), strict=True):
-        if PASSABLE <= gap <= widest:
-            a, b = edge.start, edge.point(edge.length)
-            yield shapely.Polygon([a, b, b + (gap + 0.01) * edge.normal, a + (gap + 0.01) * edge.normal])
+    key = level.floor or f"level {level.bottom:.2f}"
+    return rooms_of_faces((face.area for face in faces), key, level.floor, level.bottom, top)
 
 
 def _shut_walls(z: float, solids: list[Solid], fillings: list[Filling]) -> Area:
@@ -158,18 +115,10 @@ def _shut_walls(z: float, solids: list[Solid], fillings: list[Filling]) -> Area:
     parts = []
     for solid in standing:
         body = united(solid.section(z + height) for height in CUTS)
-        parts += [body, *_doorways(difference(solid.shadow(), body))]
+        parts += [body, *doorways(difference(solid.shadow(), body))]
     walls = united(parts)
     shut = (_shut(walls, f) for f in fillings if f.low < z + HEAD < f.high)
     return closed(united([walls, *shut]), GAP)
-
-
-def _doorways(openings: Area) -> Iterable[Area]:
-    """The openings under a lintel that are no wider than a doorway."""
-    for part in shapely.get_parts(openings):
-        corners = np.asarray(shapely.oriented_envelope(part).exterior.coords) if part.area > 0 else np.zeros((5, 2))
-        if np.linalg.norm(np.diff(corners, axis=0), axis=1).max() <= DOORWAY:
-            yield part
 
 
 def _shut(walls: Area, filling: Filling) -> Area:

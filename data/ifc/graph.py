@@ -11,13 +11,14 @@ from data.common.errors import UserError
 from data.geometry.areas import Area, united
 from data.ifc.doors import doors_of
 from data.ifc.enclosed_rooms import rooms_between
-from data.ifc.levels import level_surfaces, planned_levels
-from data.ifc.products import open_ifc, products
-from data.ifc.rooms import Level, RoomVolume, rooms_of
-from data.ifc.sections import Solid, solid_of
-from data.ifc.storeys import floor_of, floors_of
-from data.ifc.surfaces import open_area, surfaces_at
+from data.ifc.products import open_ifc, solids
+from data.ifc.rooms import rooms_of
+from data.ifc.storeys import floor_of, floors_of, planned_levels
 from data.scene_graph import Floor, SceneGraph, WallSurface
+from data.walls.levels import level_surfaces
+from data.walls.rooms import Level, RoomVolume, open_area
+from data.walls.solids import Solid
+from data.walls.surfaces import surfaces_at
 
 WALLS = ("IfcWall", "IfcCurtainWall")
 COLUMNS = ("IfcColumn",)
@@ -34,29 +35,29 @@ def read_ifc(path: Path | str) -> tuple[SceneGraph, tuple[str, ...]]:
     """
     model = open_ifc(path)
     count = sum(len(model.by_type(c)) for c in WALLS)
-    made = [solid_of(p) for p in products(model, WALLS)]
-    shadows = {s.product.global_id: s.shadow() for s in made}
-    solids = [s for s in made if _stands(s, shadows[s.product.global_id])]
-    columns = [solid_of(p) for p in products(model, COLUMNS)]
-    if not solids:
+    made = solids(model, WALLS)
+    shadows = {s.id: s.shadow() for s in made}
+    walls = [s for s in made if _stands(s, shadows[s.id])]
+    columns = solids(model, COLUMNS)
+    if not walls:
         lack = "no walls" if not count else f"no walls with a geometry ({count} without)"
         raise UserError(f"{path}: has {lack} (IfcWall, IfcCurtainWall); export the walls with their geometry")
     rooms, notices = rooms_of(model)
-    floors, has_spaces = floors_of(model, rooms, solids), bool(rooms)
+    floors, has_spaces = floors_of(model, rooms, walls), bool(rooms)
     if has_spaces:
         rooms = [replace(r, room=replace(r.room, floor=floor_of(r, floors))) for r in rooms]
-        levels = _levels(floors, rooms, solids, shadows)
+        levels = _levels(floors, rooms, walls, shadows)
     else:
-        levels = rooms_between(model, _levels_without_rooms(floors, solids, columns), [*solids, *columns])
+        levels = rooms_between(model, _levels_without_rooms(floors, walls, columns), [*walls, *columns])
         rooms = [r for level in levels for r in level.rooms]
-        notices.insert(0, _no_spaces(rooms, solids))
-    surfaces = _numbered([s for level in levels for s in surfaces_at(level, [*solids, *columns])])
-    if len(solids) < count:
-        notices.append(f"{count - len(solids)} of {count} walls have no geometry or lie flat, and are left out")
+        notices.insert(0, _no_spaces(rooms, walls))
+    surfaces = _numbered([s for level in levels for s in surfaces_at(level, [*walls, *columns])])
+    if len(walls) < count:
+        notices.append(f"{count - len(walls)} of {count} walls have no geometry or lie flat, and are left out")
     doors = doors_of(model, rooms, shadows)
 
     def walls_at(area: Area, z: float) -> Area:
-        standing = (shadows[s.product.global_id] for s in solids if s.bottom < z < s.top)
+        standing = (shadows[s.id] for s in walls if s.bottom < z < s.top)
         return united(shadow for shadow in standing if shadow.intersects(area))
 
     levels_seen = level_surfaces(planned_levels(model, has_spaces), rooms, floors, walls_at)
@@ -69,16 +70,16 @@ def _stands(solid: Solid, shadow: Area) -> bool:
     return (solid.top - solid.bottom) * shadow.length > 2 * shadow.area
 
 
-def _no_spaces(rooms: list[RoomVolume], solids: list[Solid]) -> str:
+def _no_spaces(rooms: list[RoomVolume], walls: list[Solid]) -> str:
     why = "no IfcSpace with a geometry"
     if not rooms:
-        return f"{why}: no rooms, since the {len(solids)} walls enclose none; wall surfaces alone are used"
+        return f"{why}: no rooms, since the {len(walls)} walls enclose none; wall surfaces alone are used"
     made = "1 room was" if len(rooms) == 1 else f"{len(rooms)} rooms were"
-    return f"{why}: {made} made of the closed faces between {len(solids)} walls"
+    return f"{why}: {made} made of the closed faces between {len(walls)} walls"
 
 
 def _levels(
-    floors: tuple[Floor, ...], rooms: list[RoomVolume], solids: list[Solid], shadows: dict[str, Area]
+    floors: tuple[Floor, ...], rooms: list[RoomVolume], walls: list[Solid], shadows: dict[str, Area]
 ) -> list[Level]:
     """The levels at which walls are cut: at each storey's rooms, and in storeys with walls but no rooms."""
     levels = []
@@ -97,39 +98,39 @@ def _levels(
         for group in groups:
             bottom = float(np.median([r.bottom for r in group]))
             top = max(r.top for r in group)
-            outside = _open(bottom, rooms, solids, shadows) if group is main else shapely.Polygon()
+            outside = _open(bottom, rooms, walls, shadows) if group is main else shapely.Polygon()
             levels.append(Level(floor, bottom, top, tuple(group), outside))
-    for floor in Counter(s.product.storey for s in solids):
+    for floor in Counter(s.storey for s in walls):
         z = elevation.get(floor) if floor is not None else None
         if z is not None and floor not in of_floor:
-            top = max(s.top for s in solids)
-            levels.append(Level(floor, z, top, (), _open(z, rooms, solids, shadows)))
+            top = max(s.top for s in walls)
+            levels.append(Level(floor, z, top, (), _open(z, rooms, walls, shadows)))
     return levels
 
 
-def _open(z: float, rooms: list[RoomVolume], solids: list[Solid], shadows: dict[str, Area]) -> Area:
+def _open(z: float, rooms: list[RoomVolume], walls: list[Solid], shadows: dict[str, Area]) -> Area:
     """The open area at the level of `z`; doors and windows are closed, so that walls have no sides in them."""
-    standing = [shadows[s.product.global_id] for s in solids if s.bottom < z + HEAD / 2 < s.top]
+    standing = [shadows[s.id] for s in walls if s.bottom < z + HEAD / 2 < s.top]
     return open_area(united(standing).buffer(SLIT), (r.area for r in rooms if r.bottom < z + HEAD / 2 < r.top))
 
 
-def _levels_without_rooms(floors: tuple[Floor, ...], solids: list[Solid], columns: list[Solid]) -> list[Level]:
+def _levels_without_rooms(floors: tuple[Floor, ...], walls: list[Solid], columns: list[Solid]) -> list[Level]:
     """One level for each storey with walls; a wall stands where it begins and in storeys it spans."""
-    walls_of = Counter(s.product.storey for s in solids)
+    walls_of = Counter(s.storey for s in walls)
     storeys = [f for f in floors if walls_of[f.id] and f.elevation is not None]
     candidates: list[tuple[int, float, str | None]] = [(-walls_of[f.id], f.elevation or 0.0, f.id) for f in storeys]
     if not candidates:
-        candidates = [(-n, z, None) for z, n in Counter(round(s.bottom, 1) for s in solids).items()]
+        candidates = [(-n, z, None) for z, n in Counter(round(s.bottom, 1) for s in walls).items()]
     chosen: list[tuple[float, str | None]] = []
     for _, z, floor in sorted(candidates, key=lambda c: c[:2]):
         if all(abs(z - other) >= STOREY_APART for other, _ in chosen):
             chosen.append((z, floor))
     chosen.sort(key=lambda c: c[0])
-    highest = max(s.top for s in solids)
+    highest = max(s.top for s in walls)
     levels = []
     for k, (z, floor) in enumerate(chosen):
         top = chosen[k + 1][0] if k + 1 < len(chosen) else max(highest, z)
-        own = {s.product.global_id for s in [*solids, *columns] if _home(s, chosen) == k or _spans(s, z)}
+        own = {s.id for s in [*walls, *columns] if _home(s, chosen) == k or _spans(s, z)}
         levels.append(Level(floor, z, top, own=frozenset(own)))
     return levels
 

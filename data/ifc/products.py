@@ -10,11 +10,13 @@ from pathlib import Path
 
 import ifcopenshell
 import ifcopenshell.geom
+import ifcopenshell.guid
 import numpy as np
 from ifcopenshell.util.element import get_aggregate, get_container, get_parts
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
+from data.walls.solids import Solid, solid_of
 
 MAX_RATIO = 200  # IFC text packs to a tenth, rarely to a fortieth
 Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]  # vertices (N, 3), faces (M, 3)
@@ -45,6 +47,13 @@ def open_ifc(path: Path | str) -> ifcopenshell.file:
         return ifcopenshell.open(str(path))
     except Exception as error:  # ifcopenshell raises its own kinds, OSError and RuntimeError
         raise UserError(f"{path}: cannot be read as IFC ({type(error).__name__}); give an IFC file") from None
+
+
+def self_test() -> None:
+    """Raises if ifcopenshell does not work on this machine."""
+    model = ifcopenshell.file(schema="IFC4")
+    model.create_entity("IfcProject", ifcopenshell.guid.new())
+    assert len(model.by_type("IfcProject")) == 1
 
 
 def _open_zip(path: Path) -> ifcopenshell.file:
@@ -91,6 +100,11 @@ def products(model: ifcopenshell.file, classes: tuple[str, ...]) -> Iterator[Ifc
             vertices, faces = _joined(meshes)
             name = product.Name or ""
             yield IfcProduct(product.GlobalId, product.is_a(), name, _storey(product), vertices, faces)
+
+
+def solids(model: ifcopenshell.file, classes: tuple[str, ...]) -> list[Solid]:
+    """The bodies of the products of these classes."""
+    return [solid_of(p.vertices, p.faces, p.global_id, p.ifc_class, p.storey) for p in products(model, classes)]
 
 
 def _parts(assembly: ifcopenshell.entity_instance) -> list[ifcopenshell.entity_instance]:

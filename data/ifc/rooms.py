@@ -1,15 +1,15 @@
 """Rooms of an IFC model: the footprints of its spaces, without those that a robot cannot enter."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import ifcopenshell
 import shapely
 from shapely.geometry.polygon import orient
 
 from data.geometry.areas import Area, difference, largest, overlap, polygons_of, united
-from data.ifc.products import products
-from data.ifc.sections import solid_of
+from data.ifc.products import solids
 from data.scene_graph import Room
+from data.walls.rooms import RoomVolume, finished
 
 MIN_AREA = 1.0  # m2: below it, a shaft
 MIN_HEIGHT = 1.3  # m: below it, a void over a ceiling or under a floor
@@ -17,36 +17,6 @@ SAME = 0.9  # of an area: inside, or the same
 WALL_HALF = 0.25  # m: what is left of a covering space between its rooms is no wider than a wall
 SHOWN = 3  # names of spaces that are left out for one reason
 TIDY = 0.001  # m: corners that stand out less are no corners
-
-
-@dataclass(frozen=True)
-class RoomVolume:
-    """A room with its `area` in plan (a polygon, maybe with holes) from `bottom` to `top`, BIM frame."""
-
-    room: Room
-    area: Area
-    bottom: float
-    top: float
-
-    def beside(self, other: "RoomVolume") -> bool:
-        """Whether both rooms share at least half of the lower one's height: on one level."""
-        shared = min(self.top, other.top) - max(self.bottom, other.bottom)
-        return shared > 0.5 * min(self.top - self.bottom, other.top - other.bottom)
-
-
-@dataclass(frozen=True)
-class Level:
-    """Rooms whose floors lie at one height, and the `open` area outside all rooms, whose walls face no room.
-
-    `own` names the walls that may face it (None: all may).
-    """
-
-    floor: str | None
-    bottom: float
-    top: float
-    rooms: tuple[RoomVolume, ...] = ()
-    open: Area = field(default_factory=shapely.Polygon)
-    own: frozenset[str] | None = None
 
 
 def rooms_of(model: ifcopenshell.file) -> tuple[list[RoomVolume], list[str]]:
@@ -58,12 +28,10 @@ def rooms_of(model: ifcopenshell.file) -> tuple[list[RoomVolume], list[str]]:
     spaces = model.by_type("IfcSpace")
     chosen = {s.GlobalId: s for s in spaces if _is_room(s)}
     volumes: list[RoomVolume] = []
-    for product in products(model, ("IfcSpace",)):
-        if product.global_id in chosen and product.global_id not in {v.room.id for v in volumes}:
-            solid = solid_of(product)
+    for solid in solids(model, ("IfcSpace",)):
+        if solid.id in chosen and solid.id not in {v.room.id for v in volumes}:
             area = _tidy(solid.shadow())
-            space = chosen[product.global_id]
-            room = Room(product.global_id, (0.0, 0.0), product.storey, _name(space))
+            room = Room(solid.id, (0.0, 0.0), solid.storey, _name(chosen[solid.id]))
             volumes.append(RoomVolume(room, area, solid.bottom, solid.top))
     large = [v for v in volumes if v.area.area >= MIN_AREA and v.top - v.bottom >= MIN_HEIGHT]
     kept = {v.room.id: v for v in _without_overlaps(large)}
@@ -108,14 +76,6 @@ def _tidy(area: Area) -> Area:
     polygon = shapely.simplify(largest(polygons_of(area)), TIDY)
     holes = [h for h in polygon.interiors if shapely.Polygon(h).area > 0.01]
     return orient(shapely.Polygon(polygon.exterior, holes))
-
-
-def finished(volume: RoomVolume) -> RoomVolume:
-    """Returns the room with polygon and centroid from its area."""
-    outer = shapely.Polygon(volume.area.exterior)
-    polygon = tuple((float(x), float(y)) for x, y in outer.exterior.coords[:-1])
-    centroid = (float(outer.centroid.x), float(outer.centroid.y))
-    return replace(volume, room=replace(volume.room, centroid=centroid, polygon=polygon))
 
 
 def _without_overlaps(volumes: list[RoomVolume]) -> list[RoomVolume]:

@@ -3,19 +3,25 @@
 Source: the EuRoC MAV dataset (Burri et al., IJRR 2016), `imu0/data.csv`.
 """
 
+import logging
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
+from data.bags import Bag, decoded, is_bag
 from data.common.errors import UserError
 from data.common.files import write_atomically
 from data.imu.samples import ImuSamples, checked_imu
+from data.trajectory.stamps import NS
 
 _HEADER = (
     "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],"
     "a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]"
 )
+_IMU = "sensor_msgs/msg/Imu"
 _FORM = "'timestamp [ns], w_x, w_y, w_z, a_x, a_y, a_z'"
+_log = logging.getLogger(__name__)
 
 
 def read_imu(path: Path | str, topic: str | None = None) -> ImuSamples:
@@ -23,13 +29,11 @@ def read_imu(path: Path | str, topic: str | None = None) -> ImuSamples:
     comments (#) and blank lines are skipped.
 
     Raises UserError, with the line number if there is one, for a file that cannot be read or contains something else,
-    for a `topic` of a file that is not a bag, and as `read_imu_bag` and `checked_imu` do.
+    for a `topic` of a file that is not a bag, where a bag has no samples or several topics could be meant, and as
+    `checked_imu` does.
     """
-    from data.bags import is_bag
-    from data.imu.bags import read_imu_bag
-
     if is_bag(Path(path)):
-        return read_imu_bag(path, topic)
+        return _read_bag(path, topic)
     if topic is not None:
         raise UserError(f"--imu-topic {topic}: {path} is not a bag and has no topics")
     try:
@@ -44,16 +48,60 @@ def read_imu(path: Path | str, topic: str | None = None) -> ImuSamples:
             continue
         try:
             stamp, values = int(fields[0]), [float(field) for field in fields[1:]]
+            if len(values) != 6 or not -(2**63) <= stamp < 2**63:
+                raise ValueError
         except ValueError:
             raise UserError(f"{path}, line {number}: not in the form {_FORM}, whole nanoseconds first") from None
-        if len(values) != 6 or not -(2**63) <= stamp < 2**63:
-            raise UserError(f"{path}, line {number}: not in the form {_FORM}, whole nanoseconds first")
         stamps.append(stamp)
         rows.append(values)
     if not rows:
         raise UserError(f"{path}: no samples in it; give lines of {_FORM}")
     values_of = np.array(rows)
     return checked_imu(np.array(stamps, np.int64), values_of[:, :3], values_of[:, 3:], str(path))
+
+
+def _read_bag(path: Path | str, topic: str | None) -> ImuSamples:
+    """The samples of one topic, in the order of their headers' stamps; None takes the only one.
+
+    Samples that cannot be read or whose stamp is there already are left out, and counted in the log. Raises UserError
+    where there are none, where several topics could be meant, and as `checked_imu` does.
+    """
+    bag = Bag(path, (_IMU,))
+    chosen = _chosen(bag, topic)
+    rows = np.array(list(_rows(bag, chosen)), dtype=[("stamp", np.int64), ("values", np.float64, 6)])
+    stamps, first = np.unique(rows["stamp"], return_index=True)
+    if left_out := bag.counts[chosen] - len(stamps):
+        _log.info("%s: %d of %d samples of %s are left out", path, left_out, bag.counts[chosen], chosen)
+    if not len(stamps):
+        raise UserError(f"{path}: none of the samples of {chosen} can be read")
+    values = rows["values"][first]
+    return checked_imu(stamps, values[:, :3], values[:, 3:], f"{path}, {chosen}")
+
+
+def _chosen(bag: Bag, wanted: str | None) -> str:
+    if not bag.counts:
+        why = "".join(f"; {damage}" for damage in [*bag.damages().values()][:1])
+        raise UserError(f"{bag.path}: contains no IMU samples (sensor_msgs/Imu){why}")
+    if wanted is not None:
+        named = bag.named(wanted)
+        if named is None:
+            raise UserError(f"--imu-topic {wanted}: no such IMU in {bag.path}; there are: {bag.listed}")
+        return named
+    if len(bag.counts) > 1:
+        raise UserError(f"{bag.path}: several IMUs: {bag.listed}; choose one with --imu-topic NAME")
+    return next(iter(bag.counts))
+
+
+def _rows(bag: Bag, topic: str) -> Iterator[tuple[int, tuple[float, ...]]]:
+    """Stamp, gyro and accel of each sample that can be read; one without a stamp has that of its recording."""
+    for record in bag.messages(topic):
+        try:
+            message = decoded(record.data, record.msgtype, record.is_cdr)
+        except Exception:  # rosbags raises many kinds on garbage
+            continue
+        turn, force, stamp = message.angular_velocity, message.linear_acceleration, message.header.stamp
+        stamp_ns = stamp.sec * NS + stamp.nanosec or record.log_ns
+        yield stamp_ns, (turn.x, turn.y, turn.z, force.x, force.y, force.z)
 
 
 def write_imu(samples: ImuSamples, path: Path | str) -> None:

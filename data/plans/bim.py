@@ -8,12 +8,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from data.common.errors import UserError
-from data.common.files import user_cache, write_json
-from data.common.json_files import read_json
+from data.common.files import read_json, user_cache, write_json
 from data.ifc.guard import read_guarded
 from data.scene_graph import SceneGraph
 
-EXTRACTOR_VERSION = 7  # to be raised whenever the A-graph of the same file changes
+EXTRACTOR_VERSION = 8  # to be raised whenever the A-graph of the same file changes
 IFC_SUFFIXES = (".ifc", ".ifczip")
 PLANS = "an IFC file (.ifc, .ifczip), a drawing (.dxf), GeoJSON (.geojson), or an A-graph (.json)"
 

@@ -3,25 +3,28 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from data.common.errors import UserError
 from data.geometry.areas import Area, closed, polygons_of, united
-from data.ifc.edges import straightened
-from data.ifc.enclosed_rooms import GAP, closed_faces, gaps, halls
-from data.ifc.levels import normal_form
-from data.ifc.products import IfcProduct
-from data.ifc.rooms import Level, RoomVolume, finished
-from data.ifc.sections import Solid
-from data.ifc.surfaces import open_area, surfaces_at
-from data.plans.polygons import Drawing, DrawnRoom, scene_graph_of, width_of, with_pillars
-from data.scene_graph import Door, Floor, LevelSurface, Room, SceneGraph, WallSurface
+from data.plans.polygons import Drawing, DrawnRoom, scene_graph_of, with_pillars
+from data.scene_graph import Floor, LevelSurface, Room, SceneGraph, WallSurface
+from data.walls.edges import straightened
+from data.walls.levels import normal_form
+from data.walls.rooms import (
+    DOORWAY,
+    GAP,
+    Level,
+    closed_faces,
+    doors_of,
+    gaps,
+    halls,
+    open_area,
+    rooms_of_faces,
+)
+from data.walls.solids import Prism
+from data.walls.surfaces import surfaces_at
 
-Array = NDArray[np.float64]
-DOORWAY = 1.6  # m: a wider gap between walls joins what lies on its sides
-REACH = 0.1  # m: a doorway's rooms begin this close to it
 HEIGHT = 2.6  # m: of a storey of unknown height; used internally only
 PARTING = 0.01  # m: rooms that share an edge in a plan without walls have one this thin between them
 
@@ -106,25 +109,7 @@ def roomless_surfaces(walls: Area, others: Iterable[Area], level: Level) -> list
     if walls.is_empty:
         return []
     walls = straightened(polygons_of(walls))
-    return surfaces_at(replace(level, open=open_area(walls, others)), [_prism(walls, level.bottom, level.top)])
-
-
-@dataclass(frozen=True, eq=False)
-class _Prism(Solid):
-    """Walls with the same section at every height, and no faces: these reach from floor to ceiling."""
-
-    area: Area
-    is_building = True
-
-    def section(self, z: float) -> Area:
-        """The walls."""
-        return self.area if self.bottom < z < self.top else shapely.Polygon()
-
-
-def _prism(area: Area, bottom: float, top: float) -> _Prism:
-    none = np.zeros((0, 3), np.int32)
-    product = IfcProduct("walls", "IfcWall", "", None, np.zeros((0, 3)), none)
-    return _Prism(product, ((np.zeros((0, 3, 3)), none),), bottom, top, area)
+    return surfaces_at(replace(level, open=open_area(walls, others)), [Prism.of(walls, level.bottom, level.top)])
 
 
 def _between_walls(storey: FlatStorey, floor: Floor) -> SceneGraph:
@@ -138,12 +123,9 @@ def _between_walls(storey: FlatStorey, floor: Floor) -> SceneGraph:
     faces = closed_faces(shut)
     gained, gates = halls(shut, faces)
     faces += gained
-    volumes = tuple(
-        finished(RoomVolume(Room(f"{floor.id}/room-{k}", (0.0, 0.0), floor.id, f"Room {k}"), face, bottom, top))
-        for k, face in enumerate(faces, 1)
-    )
+    volumes = rooms_of_faces(faces, floor.id, floor.id, bottom, top)
     level = Level(floor.id, bottom, top, volumes, open_area(united([shut, *gates]), faces))
-    found = sorted(surfaces_at(level, [_prism(walls, bottom, top)]), key=lambda s: s.room is None)
+    found = sorted(surfaces_at(level, [Prism.of(walls, bottom, top)]), key=lambda s: s.room is None)
     surfaces = tuple(_named(s, f"{floor.id}/surface-{k}", storey) for k, s in enumerate(found, 1))
     openings = [*storey.doors, *shapely.get_parts(united(doorways)), *shapely.get_parts(united(gates))]
     doors = tuple(doors_of(floor.id, openings, volumes))
@@ -154,12 +136,3 @@ def _named(surface: WallSurface, id: str, storey: FlatStorey) -> WallSurface:
     known = storey.height is not None
     parts = tuple(("", low, high, full) for _, low, high, full in surface.parts)  # it is of no wall in the plan
     return replace(surface, id=id, source="", height=surface.height if known else None, parts=parts)
-
-
-def doors_of(key: str, openings: Iterable[Area], rooms: Sequence[RoomVolume]) -> Iterable[Door]:
-    """The openings with a room on one side or two."""
-    for number, opening in enumerate(openings, 1):
-        beside = [r.room.id for r in rooms if r.area.distance(opening) < REACH]
-        if 1 <= len(beside) <= 2:
-            middle = float(opening.centroid.x), float(opening.centroid.y)
-            yield Door(f"{key}/door-{number}", tuple(beside), middle, width_of(opening))

@@ -17,20 +17,32 @@ from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 from data.geometry.areas import Area, closed, difference, opened, united
 from data.geometry.level_faces import level_faces
-from data.ifc.enclosed_rooms import GAP, MIN_AREA, PASSABLE, STOREY
-from data.ifc.levels import PlannedLevels, level_surfaces
-from data.ifc.rooms import Level, RoomVolume, finished
-from data.ifc.surfaces import CUTS, PASSAGE, open_area, surfaces_at
-from data.plans.flat_plan import DOORWAY, doors_of
-from data.plans.mesh_files import read_triangles
-from data.plans.mesh_sections import MeshSolid, mesh_solid
-from data.scene_graph import Door, Floor, LevelSurface, Room, SceneGraph, WallSurface
+from data.scene_graph import Door, Floor, LevelSurface, SceneGraph, WallSurface
+from data.walls.levels import PlannedLevels, level_surfaces
+from data.walls.rooms import (
+    GAP,
+    MIN_AREA,
+    PASSABLE,
+    PASSAGE,
+    STOREY,
+    Level,
+    doors_of,
+    doorways,
+    open_area,
+    rooms_of_faces,
+    width_of,
+)
+from data.walls.solids import MeshSolid, mesh_solid
+from data.walls.surfaces import CUTS, surfaces_at
 
 Array = NDArray[np.float64]
 LINTELS = (1.95, 2.05, 2.15, 2.3, 2.45, 2.6)  # m above the floor, where doorways have an upper end
 SAME_FLOOR = 0.1  # m
 PART_OF_MOST = 0.3  # of the largest floor's area that another floor has at least
 SLIVER = 0.01  # m: sections of one wall at two heights differ by less
+MESH_SUFFIXES = (".stl", ".dae", ".obj", ".ply")
+HIGHEST = 400.0  # m: what is higher is not in metres
+WIDEST = 20_000.0  # m: likewise
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +62,7 @@ def read_mesh(path: Path | str, *more: Path | str) -> MeshBuilding:
     Raises UserError where the file cannot be read or has no walls standing on a floor.
     """
     triangles = read_triangles(path, *more)
-    solid = mesh_solid(triangles, Path(path).stem)
+    solid = mesh_solid(triangles)
     levels: list[Level] = []
     doors: list[Door] = []
     surfaces: list[WallSurface] = []
@@ -119,25 +131,17 @@ def _level(solid: MeshSolid, z: float, floor: Area, number: int) -> tuple[Level,
     """A storey with its rooms by position, and its doorways."""
     walls = united(solid.section(z + height) for height in CUTS)
     overhead = opened(difference(united(solid.section(z + height) for height in LINTELS), walls), SLIVER)
-    doorways = [p for p in shapely.get_parts(overhead) if p.area > 0 and _longer_side(p) <= DOORWAY]
-    shut = closed(united([walls, *doorways]), GAP)
+    lintels = doorways(overhead)
+    shut = closed(united([walls, *lintels]), GAP)
     inside = united(shapely.Polygon(p.exterior) for p in shapely.get_parts(united([floor, walls])))
     parts = [p for p in shapely.get_parts(opened(difference(inside, shut), PASSAGE)) if p.area >= MIN_AREA]
     parts.sort(key=lambda p: (round(p.centroid.x, 2), round(p.centroid.y, 2)))
     if walls.is_empty:
         parts = []
     key = f"storey-{number + 1}"
-    volumes = tuple(
-        finished(RoomVolume(Room(f"{key}/room-{k}", (0.0, 0.0), key, f"Room {k}"), part, z, z + STOREY))
-        for k, part in enumerate(parts, 1)
-    )
-    passable = [d for d in doorways if _longer_side(d) >= PASSABLE]
+    volumes = rooms_of_faces(parts, key, key, z, z + STOREY)
+    passable = [d for d in lintels if width_of(d) >= PASSABLE]
     return Level(key, z, solid.top, volumes, open_area(shut, parts)), passable
-
-
-def _longer_side(area: Area) -> float:
-    corners = np.asarray(shapely.oriented_envelope(area).exterior.coords)
-    return float(np.linalg.norm(np.diff(corners, axis=0), axis=1).max())
 
 
 def main() -> int:
@@ -156,3 +160,54 @@ def main() -> int:
 
 if __name__ == "__main__":
     run_command(main)
+
+
+def is_mesh(path: Path | str) -> bool:
+    """Whether a file's suffix is that of a mesh."""
+    return Path(path).suffix.lower() in MESH_SUFFIXES
+
+
+def read_triangles(path: Path | str, *more: Path | str) -> NDArray[np.float64]:
+    """Returns (M, 3, 3) the triangles of one or more `.stl`, `.dae`, `.obj` or `.ply` files, in metres with z up.
+
+    COLLADA's unit and up axis are used; the other formats do not state theirs and are taken as metres with z up. Raises
+    UserError for a file that is missing, of another kind, unreadable or empty, and if all together are implausibly
+    large.
+    """
+    triangles = np.concatenate([_triangles(Path(p)) for p in (path, *more)])
+    with np.errstate(over="ignore"):
+        *width, height = np.ptp(triangles.reshape(-1, 3), axis=0).tolist()
+    if not 1.0 < height < HIGHEST or not max(width) < WIDEST:
+        size = f"{height:g} m high and up to {max(width):g} m wide"
+        raise UserError(f"{path}: is {size}; give a building in metres with z up")
+    return triangles
+
+
+def _triangles(path: Path) -> NDArray[np.float64]:
+    import trimesh
+
+    if not path.is_file() or not is_mesh(path):
+        raise UserError(f"{path}: not a mesh; give a file that ends in {', '.join(MESH_SUFFIXES)}")
+    try:
+        scene = trimesh.load_scene(path)
+        triangles = np.asarray(scene.to_mesh().triangles, dtype=float)
+    except Exception as error:  # trimesh's readers raise kinds of their own
+        missing = path.suffix.lower() == ".dae" and isinstance(error, (ImportError, NotImplementedError, ValueError))
+        hint = "; COLLADA needs pycollada: pip install 'sgslam[mesh]'" if missing else ""
+        raise UserError(f"{path}: cannot be read as a mesh ({type(error).__name__}){hint}") from None
+    if triangles.ndim != 3 or triangles.shape[1:] != (3, 3):
+        raise UserError(f"{path}: contains faces that are not triangles in 3D")
+    if path.suffix.lower() == ".dae":
+        triangles = _upright(triangles, path)
+    if not len(triangles) or not np.isfinite(triangles).all():
+        raise UserError(f"{path}: contains no triangles, or some that are not finite")
+    return triangles
+
+
+def _upright(triangles: NDArray[np.float64], path: Path) -> NDArray[np.float64]:
+    """Converts to metres with z up, as stated by the file's `asset`."""
+    import collada
+
+    asset = collada.Collada(str(path), ignore=[collada.DaeError]).assetInfo
+    axes = {"X_UP": (1, 2, 0), "Y_UP": (2, 0, 1), "Z_UP": (0, 1, 2)}[asset.upaxis or "Y_UP"]
+    return np.asarray(triangles[:, :, axes] * (asset.unitmeter or 1.0))

@@ -14,6 +14,7 @@ from shapely.geometry.polygon import orient
 from data.geometry.areas import Area, difference, largest, opened, overlap, polygons_of
 from data.geometry.intervals import Intervals, united, without
 from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface
+from data.walls.rooms import width_of
 
 Points = NDArray[np.float64]  # (N, 2)
 FLAT = 0.01  # m: corners that stand out less are no corners of a wall
@@ -227,12 +228,6 @@ def _door(id: str, area: Area, floor: str | None, rooms: Sequence[DrawnRoom]) ->
         if len(best) == 2:
             break
     return Door(id, best, (float(centre.x), float(centre.y)), width_of(area))
-
-
-def width_of(opening: Area) -> float:
-    """The longer side (m) of an opening, which is drawn from one side of its wall to the other."""
-    corners = shapely.get_coordinates(shapely.oriented_envelope(opening))
-    return float(np.hypot(*np.diff(corners, axis=0).T).max(initial=0.0))
 
 
 def _open_doors(rooms: Sequence[DrawnRoom], edges: list[Points], gaps: Gaps) -> list[Door]:

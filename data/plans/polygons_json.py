@@ -14,8 +14,10 @@ import shapely.geometry
 
 from data.common.errors import UserError
 from data.geometry.areas import Area, polygons_of, united
+from data.plans.flat_plan import HEIGHT, roomless_surfaces
 from data.plans.polygons import Drawing, DrawnRoom, Plan, scene_graph_of, with_pillars
 from data.scene_graph import WallSurface
+from data.walls.rooms import Level
 
 MIN_AREA = 1.0  # m2: below it, a shaft
 DOOR_WIDTH = (0.5, 2.5)  # m: a plan whose doors are mostly wider or narrower is not in metres
@@ -59,9 +61,6 @@ def read_json_plan(text: str | bytes, where: str, merge_collinear: bool = True) 
 
 
 def _roomless(drawing: Drawing) -> list[WallSurface]:
-    from data.ifc.rooms import Level  # loads ifcopenshell
-    from data.plans.flat_plan import HEIGHT, roomless_surfaces
-
     others = [*(r.area for r in drawing.rooms), *(area for _, area, _ in drawing.doors)]
     outside = roomless_surfaces(drawing.walls, others, Level(None, 0.0, HEIGHT))
     return [replace(s, id=f"surface{k}", source="", height=None) for k, s in enumerate(outside)]

@@ -1,12 +1,15 @@
 """One way to read floor plans of every source: a stream of `Plan`s, each an A-graph in metres."""
 
+import hashlib
 import json
 import logging
 import tarfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
+from types import MappingProxyType
+from typing import Literal
 
 from data.common.errors import UserError
 from data.plans.bim import IFC_SUFFIXES, load_bim
@@ -18,6 +21,9 @@ __all__ = ["Plan", "read_msd", "read_plans"]
 
 _log = logging.getLogger(__name__)
 MAX_MEMBER = 50_000_000  # bytes: no plan is larger
+Split = Literal["train", "validation", "test"]
+
+SHARES: Mapping[Split, float] = MappingProxyType({"train": 0.7, "validation": 0.15, "test": 0.15})
 
 
 def read_plans(
@@ -100,3 +106,14 @@ def _members(path: Path) -> Iterator[tuple[str, bytes]]:
                     yield member.name, file.read()
     except (tarfile.TarError, EOFError, OSError) as error:
         raise UserError(f"{path}: not a readable tar archive ({error})") from None
+
+
+def split_of(building: str, seed: int = 0) -> Split:
+    """The split of all plans of a building, by a hash of its name: the same on every machine."""
+    digest = hashlib.sha256(f"{seed}:{building}".encode()).digest()
+    at = int.from_bytes(digest[:8], "big") / 2**64
+    for split, share in SHARES.items():
+        if at < share:
+            return split
+        at -= share
+    return "test"

@@ -25,7 +25,10 @@ class BagScans(ScanSource):
         self.path, counts = self._bag.path, self._bag.counts
         if not counts:
             why = "".join(f"; {damage}" for damage in [*self._bag.damages().values()][:1])
-            raise UserError(f"{self.path}: no scans (PointCloud2 or Livox CustomMsg){why}; give a bag with scans")
+            repair = ", repaired by 'rosbag reindex' or 'mcap recover'" if why else ""
+            raise UserError(
+                f"{self.path}: no scans (PointCloud2 or Livox CustomMsg){why}; give a bag with scans{repair}"
+            )
         self.topic = self._choose(topic)
         self._count = counts[self.topic]
         self._unset_logged, self._told = False, set[Path]()

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from data.bags.messages import BrokenMessageError, decoded, reason
+from data.bags import decoded, reason
 from data.scans.formats import XYZ
 from data.scans.point_times import time_field
 from data.scans.reading_errors import UnreadableScanError
@@ -43,10 +43,8 @@ def read_cloud(data: bytes, msgtype: str, is_cdr: bool) -> Cloud:
         return _livox(data, is_cdr) if msgtype in LIVOX else _point_cloud(data, is_cdr)
     except UnreadableScanError:
         raise
-    except BrokenMessageError as error:
-        raise UnreadableScanError(str(error)) from None
-    except Exception as error:  # numpy and struct raise many kinds on garbage
-        raise UnreadableScanError(reason(error)) from None
+    except Exception as error:  # rosbags, numpy and struct raise many kinds on garbage
+        raise UnreadableScanError(f"a broken message ({reason(error)})") from None
 
 
 def _point_cloud(data: bytes, is_cdr: bool) -> Cloud:

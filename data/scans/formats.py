@@ -231,7 +231,7 @@ def _bytes_left(file: BinaryIO) -> int:
 
 
 def _read_las(path: Path) -> tuple[Points, Times]:
-    from data.scans.las import read_las
+    from data.scans.surveyed import read_las
 
     return read_las(path)
 

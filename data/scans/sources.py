@@ -1,13 +1,111 @@
 """Opens scans in any form: a folder of scans, a bag, an E57 file, a sequence of evalio's."""
 
+from collections import Counter
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from data.common.errors import UserError
+from data.common.files import natural_key
 from data.scans.evalio import EvalioScans, is_evalio
-from data.scans.folder import ScanFolder
-from data.scans.formats import READERS
+from data.scans.formats import READERS, read_timed
 from data.scans.point_times import Stamped
-from data.scans.scan import ScanSource
+from data.scans.scan import WORST_SHARE_SKIPPED, Scan, ScanSource, finished
+from data.scans.stamp_rule import check_interval, unusable
+from data.trajectory.stamps import NOTE_INDICES, SCAN_PERIOD_NS, check_increasing, read_times, stamps_from_names
+
+_INSIDE = (*READERS, ".bag", ".mcap", ".db3")  # what a folder may hold to be given instead of the one above it
+_PACKETS = (".pcap", ".pcapng", ".lvx", ".lvx2")  # of the drivers of spinning sensors and of Livox
+_NAMED = 5  # folders in a message
+
+
+class ScanFolder(ScanSource):
+    """The scans of a folder in natural order of their names. Also has `files`; `stamps_ns` is always known."""
+
+    stamps_ns: NDArray[np.int64]
+
+    def __init__(self, path: Path | str) -> None:
+        """Lists the files and determines their stamps; reads no scan.
+
+        Raises UserError for a folder that is missing, empty or of mixed formats, and for stamps that do not fit the
+        number of scans, are in a wrong unit, or of which more than a fifth repeat or go backwards.
+        """
+        super().__init__()
+        self.path = Path(path)
+        files = _list_scans(self.path)
+        self.files, stamps, self.note = _order_and_stamps(self.path, files)
+        self.stamps_ns = np.array(stamps, dtype=np.int64)
+        kitti = self.path.resolve()
+        if kitti.name == "velodyne" and all((kitti.parent / name).is_file() for name in ("calib.txt", "times.txt")):
+            self.stamped = "middle"  # when the LiDAR faces forward and the cameras are triggered
+        check_interval(stamps, str(self.path))
+        if unusable(stamps) > WORST_SHARE_SKIPPED * len(stamps):
+            check_increasing(self.stamps_ns, str(self.path), [f"'{f.name}'" for f in self.files])
+
+    def __len__(self) -> int:
+        """The number of scans in the folder, readable or not."""
+        return len(self.files)
+
+    def _jobs(self) -> Iterator[Callable[[], Scan]]:
+        return (partial(self._read, index) for index in range(len(self)))
+
+    def _name(self, index: int) -> tuple[Path, str]:
+        return self.files[index], self.files[index].name
+
+    def _read(self, index: int) -> Scan:
+        stamp_ns = int(self.stamps_ns[index])
+        points, times = read_timed(self.files[index])
+        return finished(index, stamp_ns, points, times, self.files[index], stamped=self.stamped)
+
+
+def _list_scans(path: Path) -> list[Path]:
+    if path.suffix.lower() in _PACKETS:
+        raise UserError(f"{path}: raw packets are not read; let the sensor's driver write a bag of point clouds")
+    if not path.is_dir():
+        what = "is a file" if path.exists() else "does not exist"
+        raise UserError(f"{path}: {what}; give a folder of scans ({', '.join(READERS)})")
+    shown = [f for f in path.iterdir() if not f.name.startswith(".")]
+    files = [f for f in shown if f.suffix.lower() in READERS and f.is_file()]
+    if not files:
+        raise UserError(f"{path}: no scans in it; {_where_else(path)}")
+    formats = Counter(f.suffix.lower() for f in files)
+    if len(formats) > 1:
+        found = ", ".join(f"{count} {suffix}" for suffix, count in sorted(formats.items()))
+        raise UserError(f"{path}: scans of mixed formats ({found}); leave one format in the folder")
+    return sorted(files, key=lambda f: natural_key(f.name))
+
+
+def _where_else(path: Path) -> str:
+    """What to give instead of a folder without scans: the folders in it, or in these, that hold some."""
+    files = (f for pattern in ("*/*", "*/*/*") for f in path.glob(pattern) if f.suffix.lower() in _INSIDE)
+    shown = {f.parent for f in files if not any(part.startswith(".") for part in f.relative_to(path).parts)}
+    if not shown:
+        return f"give a folder of {', '.join(READERS)} files"
+    found = sorted(map(str, shown), key=natural_key)
+    more = f" and {len(found) - _NAMED} more" if len(found) > _NAMED else ""
+    what = "that folder" if len(found) == 1 else "one of these"
+    return f"there are some in {', '.join(found[:_NAMED])}{more}; give {what}"
+
+
+def _order_and_stamps(path: Path, files: list[Path]) -> tuple[list[Path], list[int], str | None]:
+    """The files in order, their stamps (ns), and a note on the stamps for the user."""
+    for times in (path / "times.txt", path.resolve().parent / "times.txt"):
+        if times.is_file():
+            stamps = read_times(times)
+            if len(stamps) != len(files):
+                raise UserError(
+                    f"{times}: {len(stamps)} stamps for the {len(files)} scans in {path}; give one line for each scan"
+                )
+            return files, stamps, None
+    named = stamps_from_names(files)
+    if named is None:
+        return files, [i * SCAN_PERIOD_NS for i in range(len(files))], NOTE_INDICES
+    # seconds may have been printed with any number of places, and then 1.25 comes before 1.5, not after
+    order = sorted(range(len(files)), key=named.__getitem__)
+    return [files[i] for i in order], [named[i] for i in order], None
 
 
 def open_scans(path: Path | str, topic: str | None = None, stamped: Stamped = "auto") -> ScanSource:
@@ -37,7 +135,7 @@ def _opened(path: Path | str, topic: str | None) -> ScanSource:
     if is_evalio(path):
         return EvalioScans(path)
     if path.suffix.lower() == ".e57":
-        from data.scans.e57 import E57Scans
+        from data.scans.surveyed import E57Scans
 
         return E57Scans(path)
     return ScanFolder(path)

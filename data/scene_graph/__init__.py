@@ -1,8 +1,7 @@
 """`SceneGraph`, the one type that S-graphs and A-graphs share, and the files that hold one."""
 
-from data.scene_graph.graph import SceneGraph
+from data.scene_graph.graph import SceneGraph, implausible
 from data.scene_graph.nodes import WALL_HEIGHT, Door, Floor, Keyframe, LevelSurface, Room, WallSurface, Xy
-from data.scene_graph.plausibility import implausible
 
 __all__ = [
     "WALL_HEIGHT",

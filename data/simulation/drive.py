@@ -76,15 +76,6 @@ def plan_drive(legs: Sequence[NDArray[np.float64]], start_yaw: float, robot: Rob
     return Drive(tuple(phases))
 
 
-def drive(
-    legs: Sequence[NDArray[np.float64]], start_yaw: float, robot: Robot, rate: float
-) -> tuple[NDArray[np.float64], Poses]:
-    """Returns stamps (M,) from 0, `rate` a second, and the poses of `plan_drive` then."""
-    planned = plan_drive(legs, start_yaw, robot)
-    stamps = np.arange(int(planned.duration * rate) + 1) / rate
-    return stamps, planned.at(stamps)
-
-
 def _headings(leg: NDArray[np.float64]) -> NDArray[np.float64]:
     """(N,) the curve's direction at its points, unwrapped."""
     tangents = np.gradient(leg[:, :2], axis=0)

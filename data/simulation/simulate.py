@@ -6,123 +6,131 @@ or on legs, and on wheels tilts with it by a small part of its angle.
 """
 
 from collections.abc import Collection, Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from data.common.errors import UserError
 from data.scans.point_times import Stamped
+from data.scans.writers import SCAN_WRITERS, WITH_TIMES
 from data.simulation.carriers import WHEELED, Carrier
-from data.simulation.changes import Changes
-from data.simulation.drive import Robot, plan_drive
-from data.simulation.drive_setup import Setup, check, set_up, settings_of
-from data.simulation.run import PLAN, SimulatedRun, Taken, VisitedRoom, write_run
-from data.simulation.sensor import Sensor, SpinningSensor
+from data.simulation.changes import AS_PLANNED, Changes
+from data.simulation.drive import plan_drive
+from data.simulation.effects import Timing, checked, timing_of
+from data.simulation.effects.platforms import RISE
+from data.simulation.effects.world import IN_SCENE, Driven, World, furnished, noisy
+from data.simulation.imu import imu_named
+from data.simulation.route import curve_length
+from data.simulation.run import SimulatedRun, Taken, VisitedRoom, write_run
+from data.simulation.sensor import VLP_16, Sensor, described
+from data.simulation.storey_model import load_storeys
+from data.simulation.way import Grids, way_through
 
-if TYPE_CHECKING:
-    from data.simulation.building import Grids, Way
-    from data.simulation.effects.world import World
-    from data.simulation.storey_model import StoreyModel
-
-__all__ = ["PLAN", "ROBOT", "ROBOT_TOP", "SENSOR", "SimulatedRun", "VisitedRoom", "simulate"]
-
-SENSOR = SpinningSensor()
-ROBOT = WHEELED.robot
-ROBOT_TOP = WHEELED.top  # m above the floor: the robot passes under what is higher, unless its sensor is higher still
+TOLERANCE = 0.015  # m, standard deviation of a wall's place by the effect `tolerance`
 ON_FLOOR = 0.1  # m from a storey's level, at which the robot is on it
 SENSOR_TOP = 0.1  # m: half a sensor's height
 
 
 def simulate(
-    ifc: Path | str,
+    building: Path | str,
     storey: str | Sequence[str],
     out_dir: Path | str,
     seed: int = 0,
     min_rooms: int = 8,
     min_length: float = 120.0,
-    sensor: Sensor = SENSOR,
-    robot: Robot | None = None,
-    sensor_height: float | None = None,
-    scan_format: str | None = None,
-    changes: Changes | None = None,
-    and_back: bool = False,
+    sensor: Sensor = VLP_16,
     carrier: Carrier = WHEELED,
-    mount_deg: tuple[float, float, float] = (0.0, 0.0, 0.0),
     effects: Collection[str] = (),
+    changes: Changes = AS_PLANNED,
+    *,
+    mount_deg: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    and_back: bool = False,
     seconds: float | None = None,
     imu: str | None = None,
     stamped: Stamped = "start",
+    scan_format: str | None = None,
 ) -> SimulatedRun:
-    """Drives through a storey's open doors, from a random place and heading, and writes scans and ground truth.
-
-    `ifc` may also be a building's mesh (see `data.plans.mesh_plan`); `storey` is then the name of one of its levels, or
-    empty for the lowest. Several storeys are driven in the given order; a storey named again is visited again.
-
-    The robot enters `min_rooms` rooms (all, if fewer can be reached), drives at least `min_length` metres, and returns
-    (on each of several storeys, before it takes the stairs); `seconds` ends the drive earlier. The `carrier` holds the
-    sensor `sensor_height` metres above the storey's floor, turned by roll, pitch and yaw `mount_deg`:
-    R_carrier_sensor = Rz(yaw) Ry(pitch) Rx(roll). `changes` are made to the building, not to its plan, and need a drive
-    on one storey. With `and_back`, the whole route is then driven in reverse, so that every place is seen twice.
-    `effects` are names of `data.simulation.effects`. In a rolling scan, the sensor moves while it measures: the scan's
-    stamp and true pose are those of its first ray, or of the instant `stamped`. By default, `robot` and `sensor_height`
-    are the carrier's, and `scan_format` is `bin` (`ply` for points with times). `imu` names a class of inertial
-    measurement units (`data.simulation.imu`); the samples of one in the sensor are written to `imu.csv` beside the
-    scans. The same seed gives the same bytes.
-
-    Raises UserError for an unreadable IFC file, an unknown storey or one on which the robot cannot move, storeys
-    without stairs that it can climb, an `out_dir` that is not empty, and impossible settings.
-    """
-    from data.simulation.building import storeys_as_built, way_through
-
-    setup = set_up(carrier, sensor, robot, sensor_height, scan_format, effects, imu)
-    out = Path(out_dir)
-    check(out, setup, seed, seconds, stamped)
+    effects = checked(effects)
+    timing = timing_of(effects, carrier.rolling)
+    scan_format = scan_format or ("ply" if timing == "rolling" else "bin")
+    unit = None if imu is None else imu_named(imu)
+    sensor = noisy(sensor) if "returns" in effects else sensor
+    _check(Path(out_dir), carrier, timing, scan_format, seed, seconds, stamped)
     storeys = [storey] if isinstance(storey, str) else list(storey)
-    models = storeys_as_built(ifc, storeys, changes, seed, setup.effects)
-    top, has_steps = max(carrier.top, setup.height + SENSOR_TOP), "steps" in setup.effects
-    way = way_through(models, top, setup.robot, min_rooms, min_length, and_back, has_steps, seed)
-    drive = plan_drive(way.legs, way.start_yaw, setup.robot)
-    motion = carrier.motion(drive, models[0].level, setup.height, seed)
-    taken = Taken(setup.sensor, motion, mount_deg, setup.timing, setup.unit, stamped)
-    run = _driven(out, models, way, taken, seed, seconds)
-    settings = settings_of(ifc, carrier, setup, mount_deg, imu)
-    write_run(run, taken, _world(way, run, taken, setup, seed), setup.scan_format, settings, ifc)
+    models = load_storeys(building, storeys, changes, seed, TOLERANCE if "tolerance" in effects else 0.0)
+    top, robot = max(carrier.top, carrier.height + SENSOR_TOP), carrier.robot
+    way = way_through(models, top, robot, min_rooms, min_length, and_back, "steps" in effects, seed)
+    motion = carrier.motion(plan_drive(way.legs, way.start_yaw, robot), models[0].level, seed)
+    taken = Taken(sensor, motion, mount_deg, timing, unit, stamped)
+    truth = taken.truth(seconds)
+    stamps = truth.stamps_ns / 1e9
+    ground = motion.ground(stamps)
+    rooms = _visited(way.grids, stamps, ground, ON_FLOOR if way.raised is None else ON_FLOOR + RISE)
+    run = SimulatedRun(
+        out_dir=Path(out_dir),
+        storey=models[0].name,
+        seed=seed,
+        length=sum(map(curve_length, way.legs)) if seconds is None else curve_length(ground[:, :2]),
+        start_yaw=way.start_yaw,
+        rooms=rooms,
+        truth=truth,
+        changes=models[0].changes,
+        storeys=tuple(model.name for model in models),
+        stands_off=tuple(change for model in models for change in model.stands_off),
+    )
+    world = World(way.scene)
+    if effects & IN_SCENE:
+        drive = Driven(way.grids, way.legs, motion, [room.id for room in rooms], float(stamps[-1]), robot.radius)
+        world = furnished(effects, drive, way.raised, sensor.beams, seed)
+    settings = {
+        "bim": Path(building).name,
+        "sensor": described(sensor),
+        "robot": asdict(robot),
+        "sensor_height_m": carrier.height,
+        "rolling": timing != "snapshots",
+        "times_told": timing == "rolling",
+        "carrier": carrier.name,
+        "mount_deg": list(mount_deg),
+        "effects": sorted(effects),
+        **({} if imu is None else {"imu": imu}),
+    }
+    write_run(run, taken, world, scan_format, settings, building)
     return run
 
 
-def _driven(
-    out: Path, models: "list[StoreyModel]", way: "Way", taken: Taken, seed: int, seconds: float | None
-) -> SimulatedRun:
-    """The run: its truth, its length, and the rooms that it enters."""
-    from data.simulation.effects.platforms import RISE
-    from data.simulation.route import curve_length
-
-    truth = taken.truth(seconds)
-    stamps = truth.stamps_ns / 1e9
-    ground = taken.motion.ground(stamps)
-    length = sum(map(curve_length, way.legs)) if seconds is None else curve_length(ground[:, :2])
-    visited = _visited(way.grids, stamps, ground, ON_FLOOR if way.raised is None else ON_FLOOR + RISE)
-    names = tuple(model.name for model in models)
-    off = tuple(change for model in models for change in model.stands_off)
-    return SimulatedRun(out, models[0].name, seed, length, way.start_yaw, visited, truth, models[0].changes, names, off)
-
-
-def _world(way: "Way", run: SimulatedRun, taken: Taken, setup: Setup, seed: int) -> "World":
-    """The building in which the drive is measured, with the effects that add to it."""
-    from data.simulation.effects.furnishing import IN_SCENE, Driven, furnished
-    from data.simulation.effects.world import World
-
-    if not setup.effects & IN_SCENE:
-        return World(way.scene)
-    rooms = tuple(room.id for room in run.rooms)
-    end = float(run.truth.stamps_ns[-1] / 1e9)
-    drive = Driven(way.grids, way.legs, taken.motion, rooms, end, setup.robot.radius)
-    return furnished(setup.effects, drive, way.raised, setup.sensor.beams, seed)
+def _check(
+    out: Path,
+    carrier: Carrier,
+    timing: Timing,
+    scan_format: str,
+    seed: int,
+    seconds: float | None,
+    stamped: Stamped,
+) -> None:
+    """Raises UserError for what cannot be."""
+    if scan_format not in SCAN_WRITERS:
+        raise UserError(f"scan format '{scan_format}' is not known; give one of {', '.join(SCAN_WRITERS)}")
+    if timing == "rolling" and scan_format not in WITH_TIMES:
+        raise UserError(
+            f"the sensor moves during a scan, and {scan_format} files hold no times of points; write "
+            f"{' or '.join(WITH_TIMES)}, or leave them out by the effect 'untimed'"
+        )
+    if timing == "snapshots" and stamped != "start":
+        raise UserError(f"a scan of one instant has no {stamped} to stamp; add the effect 'rolling' or 'untimed'")
+    if not 0 < carrier.height < 10:
+        raise UserError(f"a sensor height of {carrier.height} m is impossible; give metres above the floor")
+    if seconds is not None and not seconds > 0:
+        raise UserError(f"a drive of {seconds:g} s is impossible; give more than 0 seconds")
+    if seed < 0:
+        raise UserError(f"the seed {seed} is negative; give 0 or more")
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise UserError(f"{out}: exists and is not an empty folder; give another one")
 
 
 def _visited(
-    grids: "Grids", stamps: NDArray[np.float64], poses: NDArray[np.float64], highest: float
+    grids: Grids, stamps: NDArray[np.float64], poses: NDArray[np.float64], highest: float
 ) -> tuple[VisitedRoom, ...]:
     """The rooms entered; on a storey's floor is what lies up to `highest` (m) above its level."""
     visited: list[VisitedRoom] = []

@@ -1,4 +1,4 @@
-"""One storey of an IFC model for the simulation: solid parts, rooms and floor level; doors are open."""
+"""One storey of an IFC model or a mesh for the simulation: solid parts, rooms and floor level; doors are open."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,21 +8,25 @@ import ifcopenshell
 import ifcopenshell.util.placement
 import ifcopenshell.util.unit
 import numpy as np
+import shapely
 from ifcopenshell.util.element import get_aggregate
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
+from data.geometry.areas import Area
 from data.geometry.raycast import TriangleScene
 from data.ifc.products import IfcProduct, open_ifc, products
-from data.simulation.changes import Change, Changes
-from data.simulation.changes.as_built import as_built
+from data.plans.mesh_plan import is_mesh, read_mesh
+from data.simulation.changes import AS_PLANNED, Change, Changes
+from data.simulation.changes.as_built import as_built, recut
 from data.simulation.changes.draws import draw_changes, draw_tolerances, of_class
-from data.simulation.changes.recut_walls import recut
 
 Triangles = NDArray[np.float64]  # (M, 3, 3) metres in the BIM frame
 Xy = NDArray[np.float64]  # (2,)
 NOT_SOLID = ("IfcFeatureElement", "IfcDoor", "IfcVirtualElement", "IfcGeographicElement")
 STAIRS = ("IfcStair", "IfcStairFlight", "IfcRamp", "IfcRampFlight")
+UPRIGHT = 0.1  # vertical part of a wall's normal, at most
+SAME_NORMAL, SAME_PLANE = 0.02, 0.02  # of a normal's parts, and m: triangles as near lie in one plane
 FLOOR_SEARCH = 0.6  # m: a floor or ceiling lies this close to the lower or upper face of its space
 
 
@@ -68,30 +72,30 @@ class StoreyModel:
     stands_off: tuple[Change, ...] = ()
 
 
-def load_storey(
-    ifc: Path | str, storey: str, changes: Changes | None = None, seed: int = 0, tolerance: float = 0.0
-) -> StoreyModel:
-    """Reads the model; `storey` is a name, long name or GlobalId. `changes` are made to the storey's walls, doors,
-    windows and columns, by `seed`; each wall stands off its place by a `tolerance` (m, standard deviation) besides,
-    which is no change.
+def load_storeys(
+    path: Path | str, storeys: Sequence[str], changes: Changes = AS_PLANNED, seed: int = 0, tolerance: float = 0.0
+) -> list[StoreyModel]:
+    """Reads storeys of an IFC model by name, long name or GlobalId, or one level of a mesh (see `mesh_storey`). One
+    that is named twice is read once.
 
-    Spaces that have hardly a floor or ceiling in the model lend their lower and upper faces as such. Raises
-    UserError for an unreadable file, an unknown storey, or a storey with nothing on it.
+    `changes` are made to the walls, doors, windows and columns of a single storey, by `seed`; each wall stands off its
+    place by a `tolerance` (m, standard deviation) besides, which is no change. Spaces that have hardly a floor or
+    ceiling in the model lend their lower and upper faces as such. Raises UserError for an unreadable file, an unknown
+    storey, one with nothing on it, and for changes to several storeys or to a mesh.
     """
-    model = open_ifc(ifc)
-    entity = _find_storey(model, storey, ifc)
-    return _storey_model(model, entity, _Shapes.of(model), changes, seed, tolerance, f"{ifc}: storey '{storey}'")
-
-
-def load_storeys(ifc: Path | str, storeys: Sequence[str], seed: int = 0, tolerance: float = 0.0) -> list[StoreyModel]:
-    """As `load_storey`, for several storeys without changes. A storey named twice is read once."""
-    model = open_ifc(ifc)
-    entities = {name: _find_storey(model, name, ifc) for name in storeys}
+    if is_mesh(path) and len(storeys) == 1:
+        return [mesh_storey(path, storeys[0], changes, seed, tolerance)]
+    if len(storeys) > 1 and changes.any:
+        raise UserError("changes to the building need a drive on one storey; give one storey")
+    if is_mesh(path):
+        raise UserError(f"{path}: a mesh has no marked stairs; give one storey, or an IFC file")
+    model = open_ifc(path)
+    entities = {name: _find_storey(model, name, path) for name in storeys}
     shapes, models = _Shapes.of(model), dict[str, StoreyModel]()
     for name, entity in entities.items():
         if entity.GlobalId not in models:
-            what = f"{ifc}: storey '{name}'"
-            models[entity.GlobalId] = _storey_model(model, entity, shapes, None, seed, tolerance, what)
+            what = f"{path}: storey '{name}'"
+            models[entity.GlobalId] = _storey_model(model, entity, shapes, changes, seed, tolerance, what)
     return [models[entities[name].GlobalId] for name in storeys]
 
 
@@ -113,13 +117,18 @@ class _Shapes:
 
 
 def _storey_model(
-    model: ifcopenshell.file, entity: ifcopenshell.entity_instance, shapes: _Shapes, changes: Changes | None, seed: int,
-    tolerance: float, what: str,
-) -> StoreyModel:  # fmt: skip
+    model: ifcopenshell.file,
+    entity: ifcopenshell.entity_instance,
+    shapes: _Shapes,
+    changes: Changes,
+    seed: int,
+    tolerance: float,
+    what: str,
+) -> StoreyModel:
     """Returns the model; `what` names the storey in messages."""
     planned = [p for p in shapes.solid if p.storey == entity.GlobalId]
     walls = of_class(model, planned, "IfcWall")
-    made = draw_changes(model, planned, shapes.openings, changes, seed) if changes is not None else ()
+    made = draw_changes(model, planned, shapes.openings, changes, seed) if changes.any else ()
     shifts = draw_tolerances(walls, tolerance, seed) if tolerance else ()
     cut = recut(model, shapes.solid, shapes.openings, made)
     pierced = of_class(model, [p for p in cut if p.storey == entity.GlobalId], "IfcWall")
@@ -255,3 +264,50 @@ def _threshold(opening: IfcProduct, level: float) -> Triangles:
     triangles = _triangles(opening)
     near = np.abs(triangles[:, :, 2] - level).max(axis=1) < 0.05
     return triangles[near]
+
+
+def mesh_storey(path: Path | str, storey: str, changes: Changes, seed: int, tolerance: float) -> StoreyModel:
+    """Reads the mesh; `storey` is the id or name of a level in its A-graph, empty for the lowest. With a `tolerance`
+    (m, standard deviation), each upright plane of the mesh stands off its place.
+
+    Raises UserError for an unknown level, one without rooms, and for changes, since a mesh has no separate elements.
+    """
+    if changes.any:
+        raise UserError(f"{path}: a mesh has no single walls, openings or columns to change; give an IFC file")
+    building = read_mesh(path)
+    names = {f.id: f.name for f in building.graph.floors}
+    levels = [v for v in building.levels if v.floor is not None and storey in ("", v.floor, names[v.floor])]
+    if not levels:
+        raise UserError(f"{path}: no level '{storey}'; it has: {', '.join(repr(name) for name in names.values())}")
+    level = levels[0]
+    spaces = []
+    for room in level.rooms:
+        bottom = _flat(room.area, level.bottom)
+        label = RoomLabel(room.room.id, room.room.name, room.room.name)
+        spaces.append(Space(label, bottom, bottom + np.array([0.0, 0.0, level.top - level.bottom])))
+    corners = np.concatenate([s.bottom for s in spaces]).reshape(-1, 3)[:, :2]
+    extent = (corners.min(axis=0), corners.max(axis=0))
+    name = names[str(level.floor)]
+    solid = _shifted(building.triangles, tolerance, seed) if tolerance else building.triangles
+    no_panes = np.zeros(len(solid), dtype=bool)
+    return StoreyModel(str(level.floor), name, level.bottom, tuple(spaces), solid, no_panes, (), extent)
+
+
+def _shifted(triangles: Triangles, tolerance: float, seed: int) -> Triangles:
+    """Each upright plane moved along its normal, at random."""
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    upright = np.abs(normals[:, 2]) < UPRIGHT
+    offsets = np.einsum("ij,ij->i", normals, triangles.mean(axis=1))
+    keys = np.round(np.column_stack([normals[:, :2] / SAME_NORMAL, offsets / SAME_PLANE])).astype(int)
+    _, plane = np.unique(keys, axis=0, return_inverse=True)
+    shift = np.random.default_rng([seed, 102]).normal(0.0, tolerance, int(plane.max()) + 1)[plane.ravel()]
+    flat = normals * [1.0, 1.0, 0.0]
+    return triangles + (np.where(upright, shift, 0.0)[:, None] * flat)[:, None]
+
+
+def _flat(area: Area, z: float) -> Triangles:
+    """(M, 3, 3) the area as triangles at one height."""
+    parts = shapely.get_parts(shapely.constrained_delaunay_triangles(area))
+    plan = np.array([np.asarray(part.exterior.coords)[:3] for part in parts])
+    return np.dstack([plan, np.full(plan.shape[:2], z)])

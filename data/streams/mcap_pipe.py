@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from data.bags.recovery import Record, Recovery
+from data.bags import Record, mcap_records, reason
 from data.common.errors import UserError
 from data.scans.cloud_messages import CLOUDS, read_cloud
 from data.scans.reading_errors import UnreadableScanError
@@ -21,37 +21,40 @@ class McapPipe(ScanStream):
 
     def __init__(self, file: BinaryIO, topic: str | None = None, name: str = "standard input") -> None:
         super().__init__(Path(name))
-        self._file, self._topic = file, topic
+        self._file, self._topic, self._damage = file, topic, ""
 
     def _arrivals(self) -> Iterator[Arrival]:
         """Raises UserError if the pipe ends without a scan."""
-        index, others = 0, set[str]()
-        records = Recovery(self.path)
-        for record in records.piped(self._file):
+        count, others = 0, set[str]()
+        for record in self._records():
             came_s = time.perf_counter()
             if self.stop.is_set():
                 return
-            if record.msgtype not in CLOUDS or self._topic not in (None, record.topic):
+            is_meant = _is_lidar(record) if self._topic is None else record.topic == self._topic
+            if record.msgtype not in CLOUDS or not is_meant:
                 others.add(record.topic)
                 continue
-            if self._topic is None and not _is_lidar(record):
-                others.add(record.topic)
-                continue
-            self._topic, index = record.topic, index + 1
+            self._topic, count = record.topic, count + 1
             try:
                 cloud = read_cloud(record.data, record.msgtype, record.is_cdr)
                 stamp_ns = cloud.stamp_ns or record.log_ns
-                scan = finished(index - 1, stamp_ns, cloud.points, cloud.times, self.path, stamped=self.stamped)
+                scan = finished(count - 1, stamp_ns, cloud.points, cloud.times, self.path, stamped=self.stamped)
             except UnreadableScanError as error:
-                self._skip(index - 1, self.path, str(error))
+                self._skip(count - 1, self.path, str(error))
                 continue
             yield Arrival(scan, came_s)
-        if records.damage is not None:
-            self.remarks.append(f"{self.path}: {records.damage}")
-        if not index:
+        if self._damage:
+            self.remarks.append(f"{self.path}: {self._damage}")
+        if not count:
             held = f"; it holds {', '.join(sorted(others))}" if others else ""
-            why = f" ({records.damage})" if records.damage else ""
+            why = f" ({self._damage})" if self._damage else ""
             raise UserError(f"{self.path}: no scans arrived{why}{held}; give MCAP records of point clouds")
+
+    def _records(self) -> Iterator[Record]:
+        try:
+            yield from mcap_records(self._file)
+        except Exception as error:  # mcap raises many kinds on garbage
+            self._damage = f"it was cut off or is damaged ({reason(error)})"
 
 
 def _is_lidar(record: Record) -> bool:

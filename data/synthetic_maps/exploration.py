@@ -12,26 +12,23 @@ from data.common.errors import UserError
 from data.geometry import se2
 from data.geometry.areas import Area, polygons_of
 from data.geometry.se2 import Array
-from data.geometry.wall_directions import WallDirections
 from data.scene_graph import Room, SceneGraph
+from data.scene_graph.segments import Segments
 
 Index = NDArray[np.int64]
 THICKEST = 0.35  # m, of a wall between two rooms
 SQUARE = np.radians(10)  # the two sides of a wall are antiparallel within it
 LEAST_BESIDE = 0.1  # m, of two sides of one wall
-UNKNOWN_LENGTH = 2.0  # m, where only nearness matters
+UNKNOWN_HALF = 1.0  # m, where only nearness matters
 
 
 @dataclass(frozen=True, eq=False)
-class Storey(WallDirections):
+class Storey(Segments):
     """The rooms of one floor and the N wall surfaces that face them, in the A-graph's frame."""
 
     floor: str | None
     rooms: tuple[Room, ...]
     ids: tuple[str, ...]
-    centre: Array  # (N, 2)
-    heading: Array  # (N,) of the inward normal
-    length: Array  # (N,) metres, NaN where not known
     room: Index  # (N,) index into `rooms`
     doors: tuple[tuple[int, int, Array], ...]  # two rooms and the door's place (2,)
 
@@ -73,8 +70,7 @@ class Storey(WallDirections):
     @cached_property
     def _boxes(self) -> Array:
         """(rooms, 2, 2) lower and upper corner of the box of each room's walls; a room without walls is a point."""
-        arm = np.nan_to_num(self.length)[:, None] / 2 * self.tangent
-        ends = np.stack((self.centre - arm, self.centre + arm), axis=1)
+        ends = np.stack((self.centre - self.arm, self.centre + self.arm), axis=1)
         boxes = np.stack((self.middle, self.middle), axis=1)
         for k, walls in enumerate(self.walls_of):
             if len(walls):
@@ -89,7 +85,7 @@ class Storey(WallDirections):
     @cached_property
     def across_walls(self) -> list[list[int]]:
         """The rooms behind a wall of each room: with antiparallel sides that are close and overlap."""
-        half = np.where(np.isnan(self.length), UNKNOWN_LENGTH, self.length) / 2
+        half = np.where(np.isnan(self.half), UNKNOWN_HALF, self.half)
         arm = half[:, None] * self.tangent
         lines = shapely.linestrings(np.stack((self.centre - arm, self.centre + arm), axis=1))
         i, j = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=THICKEST)
@@ -212,16 +208,12 @@ def _storeys(graph: SceneGraph) -> list[Storey]:
 def _storey(graph: SceneGraph, floor: str | None, rooms: tuple[Room, ...]) -> Storey:
     index = {r.id: k for k, r in enumerate(rooms)}
     walls = [w for w in graph.wall_surfaces if w.room in index]
-    normal = np.array([w.normal for w in walls], dtype=float).reshape(-1, 2)
-    doors = []
+    drawn, doors = Segments.of(walls), []
     for door in graph.doors:
         joined = sorted({index[r] for r in door.rooms if r in index})
         doors += [(i, j, np.array(door.centroid)) for i in joined for j in joined if i < j]
-    return Storey(
-        floor, rooms, tuple(w.id for w in walls), np.array([w.centroid for w in walls], dtype=float).reshape(-1, 2),
-        np.arctan2(normal[:, 1], normal[:, 0]), np.array([w.length or np.nan for w in walls], dtype=float),
-        np.array([index[str(w.room)] for w in walls], dtype=np.int64), tuple(doors),
-    )  # fmt: skip
+    ids, room = tuple(w.id for w in walls), np.array([index[str(w.room)] for w in walls], dtype=np.int64)
+    return Storey(drawn.centre, drawn.heading, drawn.half, floor, rooms, ids, room, tuple(doors))
 
 
 def _neighbours(pairs: list[tuple[int, int]], count: int) -> list[list[int]]:

@@ -137,6 +137,6 @@ def _side(part: ObservedWalls, along: Array, offset: float) -> ObservedWalls:
     edge = first + share[:, None] * (last - first)
     first, last = (np.where((crossed & (v > 0))[:, None], edge, e) for v, e in ((f, first), (g, last)))
     length = np.hypot(*(first - last).T)
-    unknown = np.isnan(part.length)
     kept = np.where(crossed, length >= SHORTEST, f + g < 0)
-    return replace(part, centre=(first + last) / 2, length=np.where(unknown, np.nan, length)).at(np.flatnonzero(kept))
+    half = np.where(np.isnan(part.half), np.nan, length) / 2
+    return replace(part, centre=(first + last) / 2, half=half).at(np.flatnonzero(kept))

@@ -5,11 +5,13 @@ fitted to three real scans (48 walls). Missing walls, walls in two pieces and cl
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from data.geometry import se2
 from data.geometry.se2 import Array
+from data.scene_graph.segments import Segments
 from data.synthetic_maps.exploration import Index, Storey
 
 SIGMA_END = 0.346  # m along the wall, of each end
@@ -48,34 +50,26 @@ USUAL = NoiseLevels()
 
 
 @dataclass(frozen=True, eq=False)
-class ObservedWalls:
+class ObservedWalls(Segments):
     """N surfaces in the A-graph's frame, before the map's own motion."""
 
     wall: Index  # (N,) into the storey's walls, -1 for clutter
     room: Index  # (N,) into the storey's rooms: where it was seen from
-    centre: Array  # (N, 2)
-    heading: Array  # (N,) of the normal
-    length: Array  # (N,) metres, NaN where not known
 
     def __len__(self) -> int:
         return len(self.wall)
 
     def at(self, chosen: Index) -> "ObservedWalls":
         """Returns the surfaces with these indices."""
-        wall, room, centre = self.wall[chosen], self.room[chosen], self.centre[chosen]
-        return ObservedWalls(wall, room, centre, self.heading[chosen], self.length[chosen])
+        return ObservedWalls(*(column[chosen] for column in self._columns()))
 
-    @property
-    def arm(self) -> Array:
-        """(N, 2) from the middle to the left end, looking along the normal; zero for unknown lengths."""
-        half = np.nan_to_num(self.length) / 2
-        return half[:, None] * np.stack((-np.sin(self.heading), np.cos(self.heading)), axis=-1)
+    def _columns(self) -> tuple[Any, ...]:
+        return self.centre, self.heading, self.half, self.wall, self.room
 
 
 def joined(parts: list[ObservedWalls]) -> ObservedWalls:
     """Concatenates parts, at least one."""
-    columns = zip(*((p.wall, p.room, p.centre, p.heading, p.length) for p in parts), strict=True)
-    return ObservedWalls(*(np.concatenate(c) for c in columns))
+    return ObservedWalls(*map(np.concatenate, zip(*(part._columns() for part in parts), strict=True)))
 
 
 def observe_walls(storey: Storey, rooms: Index, rng: np.random.Generator, levels: NoiseLevels = USUAL) -> ObservedWalls:
@@ -106,15 +100,14 @@ def _observed(
     storey: Storey, wall: Index, low: Array, high: Array, factor: float, rng: np.random.Generator
 ) -> ObservedWalls:
     """Parts of walls from `low` to `high` along their tangents, shifted across and tilted."""
-    unknown = np.isnan(storey.length[wall])
+    unknown = np.isnan(storey.half[wall])
     kept = unknown | (high - low >= SHORTEST)
     wall, low, high, unknown = wall[kept], low[kept], high[kept], unknown[kept]
     across = rng.normal(0, factor * SIGMA_ACROSS, len(wall))
     centre = storey.centre[wall] + ((low + high) / 2)[:, None] * storey.tangent[wall]
-    return ObservedWalls(
-        wall, storey.room[wall], centre + across[:, None] * storey.normal[wall],
-        storey.heading[wall] + rng.normal(0, factor * SIGMA_TILT, len(wall)), np.where(unknown, np.nan, high - low),
-    )  # fmt: skip
+    centre += across[:, None] * storey.normal[wall]
+    heading = storey.heading[wall] + rng.normal(0, factor * SIGMA_TILT, len(wall))
+    return ObservedWalls(centre, heading, np.where(unknown, np.nan, high - low) / 2, wall, storey.room[wall])
 
 
 def _clutter(storey: Storey, behind: Index, rng: np.random.Generator) -> ObservedWalls:
@@ -127,8 +120,8 @@ def _clutter(storey: Storey, behind: Index, rng: np.random.Generator) -> Observe
     centre = storey.centre[behind] + depth[:, None] * storey.normal[behind] + aside[:, None] * storey.tangent[behind]
     quarter = np.where(rng.random(n) < 0.7, 0, rng.integers(1, 4, n)) * np.pi / 2
     heading = se2.wrap(storey.heading[behind] + quarter + rng.normal(0, SIGMA_SKEW, n))
-    found = ObservedWalls(np.full(n, -1), room, centre, heading, rng.uniform(SHORTEST, LONGEST_CLUTTER, n))
-    return _within(storey, found)
+    half = rng.uniform(SHORTEST, LONGEST_CLUTTER, n) / 2
+    return _within(storey, ObservedWalls(centre, heading, half, np.full(n, -1), room))
 
 
 def _within(storey: Storey, found: ObservedWalls) -> ObservedWalls:
@@ -146,6 +139,6 @@ def _within(storey: Storey, found: ObservedWalls) -> ObservedWalls:
         pull = np.where(standing, 0.0, 0.3)
         found = replace(
             found, centre=found.centre + pull[:, None] * (storey.middle[found.room] - found.centre),
-            length=np.where(standing, found.length, np.maximum(0.6 * found.length, SHORTEST)),
+            half=np.where(standing, found.length, np.maximum(0.6 * found.length, SHORTEST)) / 2,
         )  # fmt: skip
     return found.at(np.flatnonzero(standing))

@@ -1,4 +1,4 @@
-"""Reads poses in the forms of other programs: TUM, KITTI's poses, EuRoC's CSV."""
+"""Poses in the forms of other programs: TUM, KITTI's poses, EuRoC's CSV."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,13 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
-from data.common.files import text_lines
-from data.geometry.poses import xyzquat_to_poses
-from data.trajectory.stamps import read_times
+from data.common.files import text_lines, write_atomically
+from data.geometry.poses import poses_to_xyzquat, xyzquat_to_poses
+from data.trajectory.stamps import ns_to_seconds, read_times
 from data.trajectory.trajectory import Trajectory
 
 _KITTI, _EUROC = 12, 8  # numbers of a line; EuRoC's may be followed by speeds and biases
 _SKEW = 1e-3  # by which a rotation may be off: files are written with few digits
+_EUROC_HEADER = (
+    "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []"  # S is the sensor
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,3 +142,21 @@ def _numbers(where: str, words: list[str], count: int, form: str) -> NDArray[np.
     if not np.isfinite(row).all():
         raise UserError(f"{where}: a value is not finite")
     return row
+
+
+def write_kitti(trajectory: Trajectory, poses: Path, times: Path) -> None:
+    """KITTI's odometry form: in `poses` the upper 3 x 4 of each pose row by row, in `times` its seconds. The sensor's
+    axes are the trajectory's own, not those of KITTI's camera. Both are written atomically."""
+    rows = trajectory.poses[:, :3].reshape(-1, 12).tolist()
+    write_atomically(poses, "".join(" ".join(f"{value:.15g}" for value in row) + "\n" for row in rows))
+    write_atomically(times, "".join(f"{ns_to_seconds(stamp)}\n" for stamp in trajectory.stamps_ns.tolist()))
+
+
+def write_euroc(trajectory: Trajectory, path: Path) -> None:
+    """The form of EuRoC's ground truth without speeds and biases: nanoseconds, position, quaternion with w first;
+    atomically."""
+    lines = [_EUROC_HEADER]
+    quaternions = poses_to_xyzquat(trajectory.poses).tolist()
+    for stamp, (x, y, z, qx, qy, qz, qw) in zip(trajectory.stamps_ns.tolist(), quaternions, strict=True):
+        lines.append(",".join([str(stamp), *(f"{value:.15g}" for value in (x, y, z, qw, qx, qy, qz))]))
+    write_atomically(path, "\n".join(lines) + "\n")

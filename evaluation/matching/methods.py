@@ -8,7 +8,7 @@ from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 
-from data.common.json_files import read_json
+from data.common.files import read_json
 from evaluation.matching.pairs import NEGATIVE, PERTURBED, PUBLISHED, PUBLISHED_MAP, SGSLAM, KnownMap
 from matching import Matcher, MatchResult
 from matching.matcher import make_ready

@@ -10,7 +10,7 @@ from data import SceneGraph
 from data.common.errors import UserError
 from data.geometry import se2
 from data.geometry.line_fit import fit_to_lines
-from data.geometry.wall_directions import WallDirections
+from data.scene_graph.segments import Segments
 from matching.arrays import arrays
 from sgslam.geometry.frames import is_rigid
 from sgslam.geometry.trajectory_errors import yaw_errors
@@ -23,13 +23,10 @@ LEAST_OVERLAP_M = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Segments(WallDirections):
-    """N wall surfaces as directed segments in plan, all in one frame; `half` (N,) is half the length."""
+class Surfaces(Segments):
+    """Wall surfaces with their ids; all lengths are known."""
 
     ids: tuple[str, ...]
-    centre: Array  # (N, 2)
-    heading: Array  # (N,) of the inward normal
-    half: Array  # (N,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +38,8 @@ class Overlaps:
     the overlap. `angle`: from the A surface's normal to the S surface's.
     """
 
-    s: Segments
-    a: Segments
+    s: Surfaces
+    a: Surfaces
     low: Array
     high: Array
     length: Array
@@ -71,16 +68,16 @@ def one_storey(a_graph: SceneGraph) -> SceneGraph:
     return a_graph
 
 
-def segments(graph: SceneGraph, T_out_graph: Array) -> Segments:
+def segments(graph: SceneGraph, T_out_graph: Array) -> Surfaces:
     """The graph's wall surfaces under a motion (yaw, x, y); unknown lengths are derived from the rooms' other walls."""
     if not graph.wall_surfaces:
-        return Segments((), np.empty((0, 2)), np.empty(0), np.empty(0))
+        return Surfaces(np.empty((0, 2)), np.empty(0), np.empty(0), ())
     walls = arrays(graph, None, list(graph.wall_surfaces))
     T = se2.compose(T_out_graph, walls.T_graph_own)
-    return Segments(walls.ids, se2.apply(T, walls.centre), se2.wrap(walls.heading + T[0]), walls.half)
+    return Surfaces(se2.apply(T, walls.centre), se2.wrap(walls.heading + T[0]), walls.half, walls.ids)
 
 
-def overlaps(s: Segments, a: Segments) -> Overlaps:
+def overlaps(s: Surfaces, a: Surfaces) -> Overlaps:
     """All pairs of surfaces, both in the A-graph's frame."""
     angle = se2.wrap(s.heading[:, None] - a.heading[None, :])
     facing = np.abs(angle) <= MOST_ANGLE_RAD

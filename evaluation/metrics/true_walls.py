@@ -42,9 +42,9 @@ def true_walls(
     ifc: Path, storey: str, changes: Changes, seed: int, truth: Trajectory, keyframes: list[int]
 ) -> list[TrueWall]:
     """The storey's walls as built; `keyframes` are the indices of the scans used as viewpoints."""
-    from data.simulation.storey_model import load_storey
+    from data.simulation.storey_model import load_storeys
 
-    model = load_storey(ifc, storey, changes, seed)
+    (model,) = load_storeys(ifc, [storey], changes, seed)
     change_of = {change.id: change for change in model.changes}
     stand = [_as_built(wall, change_of.get(wall.global_id)) for wall in model.walls]
     absent = [t for wall, t in zip(model.walls, stand, strict=True) if _kind(wall, change_of) == "absent"]

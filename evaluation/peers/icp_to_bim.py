@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
-from data.plans.mesh_files import is_mesh
+from data.plans.mesh_plan import is_mesh
 from data.scans import Scan
 from data.trajectory import Trajectory
 

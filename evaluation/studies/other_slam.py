@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from data.common.errors import UserError
 from data.scans import Scan, ScanFolder
-from data.slam_output.kiss_slam import read_kiss_poses
+from data.slam_output.opening import read_kiss_poses
 from data.trajectory import Trajectory
 from evaluation.buildings import generated, plan_graph
 from evaluation.drive import Drive, DriveCase, DriveOptions, drive_of

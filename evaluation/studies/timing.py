@@ -15,8 +15,8 @@ import numpy as np
 import pandas as pd
 from pydantic import PositiveFloat, PositiveInt
 
-from data.common.children import may_have_children, run_isolated
 from data.common.errors import UserError
+from data.common.processes import may_have_children, run_isolated
 from data.plans import load_bim
 from data.trajectory import Trajectory
 from evaluation.drive import Drive, DriveCase, DriveOptions, drive_of, release

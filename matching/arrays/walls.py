@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -11,8 +10,8 @@ from numpy.typing import NDArray
 
 from data.geometry import se2
 from data.geometry.se2 import Array
-from data.geometry.wall_directions import WallDirections
 from data.scene_graph import Room, SceneGraph, WallSurface
+from data.scene_graph.segments import Segments
 
 T = TypeVar("T")
 Index = NDArray[np.int64]
@@ -22,7 +21,7 @@ UNKNOWN_HALF_LENGTH = 1.0  # metres, if neither the graph nor the room's other w
 
 
 @dataclass(frozen=True)
-class Walls(WallDirections):
+class Walls(Segments):
     """N wall surfaces of one storey in their own frame: origin at their mean, x along most walls.
 
     The own frame makes all later steps independent of the graph's frame. `T_graph_own` (yaw, x, y) maps it to the
@@ -31,9 +30,6 @@ class Walls(WallDirections):
 
     ids: tuple[str, ...]
     floor: str | None
-    centre: Array  # (N, 2)
-    heading: Array  # (N,) angle of the inward normal
-    half: Array  # (N,) half the length
     known: NDArray[np.bool_]  # (N,) whether the length was given
     room: Index  # (N,) index into `rooms`, -1 where not known
     rooms: tuple[Room, ...]
@@ -47,7 +43,7 @@ class Walls(WallDirections):
         ids = tuple(self.ids[n] for n in chosen.tolist())
         centre, heading, half = self.centre[chosen], self.heading[chosen], self.half[chosen]
         known, room = self.known[chosen], self.room[chosen]
-        return Walls(ids, self.floor, centre, heading, half, known, room, self.rooms, self.T_graph_own)
+        return Walls(centre, heading, half, ids, self.floor, known, room, self.rooms, self.T_graph_own)
 
     @cached_property
     def lines(self) -> Array:
@@ -117,10 +113,8 @@ def arrays(graph: SceneGraph, floor: str | None, surfaces: list[WallSurface]) ->
     faced = {w.room for w in surfaces}
     rooms = [r for r in graph.rooms if r.id in faced]
     index = {r.id: k for k, r in enumerate(rooms)}
-    centre, normal = (np.fromiter(chain.from_iterable(of), float).reshape(-1, 2) for of in (
-        [w.centroid for w in surfaces], [w.normal for w in surfaces]))  # fmt: skip
-    heading = np.arctan2(normal[:, 1], normal[:, 0])
-    half = np.array([w.length for w in surfaces], dtype=float) / 2  # None becomes NaN
+    drawn = Segments.of(surfaces)
+    centre, heading, half = drawn.centre, drawn.heading, drawn.half
     known = ~np.isnan(half)
     room = np.array([index[w.room] if w.room is not None else -1 for w in surfaces], dtype=np.int64)
     grid = _grid(heading, np.where(known, half, 0.5))
@@ -129,7 +123,7 @@ def arrays(graph: SceneGraph, floor: str | None, surfaces: list[WallSurface]) ->
     heading = se2.wrap(heading - grid)
     if not known.all():
         half = np.where(known, half, _half_from_room(own, heading, room))
-    return Walls(tuple(w.id for w in surfaces), floor, own, heading, half, known, room, tuple(rooms), T_graph_own)
+    return Walls(own, heading, half, tuple(w.id for w in surfaces), floor, known, room, tuple(rooms), T_graph_own)
 
 
 def doors(graph: SceneGraph, walls: Walls) -> Doors:

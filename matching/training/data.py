@@ -8,8 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from data.generation.buildings import generate_plan
-from data.plans.sources import Plan
-from data.plans.splits import Split, split_of
+from data.plans.sources import Plan, Split, split_of
 from data.scene_graph import SceneGraph, Xy
 from data.synthetic_maps.noise_models import DrawnGraph, draw
 from matching.arrays import Index

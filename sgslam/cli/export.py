@@ -50,7 +50,7 @@ def export(out: Path, formats: list[str], bim: Path | None = None, voxel: float 
 
 def _kitti(run: "RunFolder", voxel: float | None) -> list[str]:
     from data.trajectory import Trajectory
-    from data.trajectory.formats import write_kitti
+    from data.trajectory.readers import write_kitti
 
     trajectory = Trajectory.read_tum(run.path / "trajectory.tum")
     poses, times = run.path / "trajectory.kitti", run.path / "trajectory_times.txt"
@@ -60,7 +60,7 @@ def _kitti(run: "RunFolder", voxel: float | None) -> list[str]:
 
 def _euroc(run: "RunFolder", voxel: float | None) -> list[str]:
     from data.trajectory import Trajectory
-    from data.trajectory.formats import write_euroc
+    from data.trajectory.readers import write_euroc
 
     trajectory, file = Trajectory.read_tum(run.path / "trajectory.tum"), run.path / "trajectory_euroc.csv"
     write_euroc(trajectory, file)
@@ -68,7 +68,7 @@ def _euroc(run: "RunFolder", voxel: float | None) -> list[str]:
 
 
 def _ply(run: "RunFolder", voxel: float | None) -> list[str]:
-    from data.scans.ply import write_ply
+    from data.scans.writers import write_ply
 
     voxel, file = voxel or run.config.clouds.map_voxel, run.path / "map.ply"
     points, _ = run.map_points(voxel)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from data.common.files import write_json
-from data.scans.ply import write_ply
+from data.scans.writers import write_ply
 from sgslam.as_built.elements.files import PICTURES, picture_of
 from sgslam.cloud_to_model.distances import CloudToModel
 from sgslam.cloud_to_model.pictures import colours, write_heat_map, write_histogram

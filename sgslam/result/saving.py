@@ -15,7 +15,7 @@ from data.common.files import write_atomically, write_json
 from data.geometry.poses import xyzquat_to_poses
 from data.ifc.bcf import Model
 from data.trajectory import Trajectory
-from data.trajectory.correction import moved_with
+from data.trajectory.trajectory import moved_with
 from sgslam.as_built.elements.files import remove_elements, write_elements
 from sgslam.as_built.findings import remove_topics, write_topics
 from sgslam.backend import write_pose_graph

@@ -22,7 +22,7 @@ def other(): assert thrice(7.0) == 21.0
 """
 RUN = """
 import small
-from data.common.compiling import Compilation
+from data.common.compiled import Compilation
 Compilation(small.begin, small.other).wait()
 small.begin(), small.other()
 print(*(sum(f.stats.cache_misses.values()) for f in (small.twice, small.thrice)))

@@ -8,13 +8,13 @@ import pandas as pd
 import pytest
 from bag_files import cloud, store, write_bag
 from commands import refused
-from drives import ROBOT, SENSOR
+from drives import CARRIER, SENSOR
 from scipy.spatial.transform import Rotation
 from slabim_form import SESSION, write_slabim
 from small_ifc import write_small_ifc
 
 from data.datasets import data_set_in
-from data.datasets.hilti import POINTS
+from data.datasets.published import POINTS
 from data.scans import ScanFolder
 from data.simulation.simulate import simulate
 from data.trajectory import Trajectory
@@ -31,7 +31,7 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder of one's own: a plan, scans, poses and the list."""
     folder = tmp_path_factory.mktemp("own")
     building = write_small_ifc(folder / "plan.ifc", site=(300.0, -200.0, 4.0), yaw=0.5)
-    run = simulate(building.path, "Ground", folder / "run", 3, 3, 20.0, SENSOR, ROBOT, seconds=16.0)
+    run = simulate(building.path, "Ground", folder / "run", 3, 3, 20.0, SENSOR, CARRIER, seconds=16.0)
     shutil.move(folder / "run/scans", folder / "scans")
     run.truth.write_tum(folder / "truth.tum")
     (folder / "sequences.yaml").write_text("- {name: small, bim: plan.ifc, scans: scans, truth: truth.tum}\n")

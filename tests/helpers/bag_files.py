@@ -98,10 +98,10 @@ def write_bag(path: Path, kind: str, topics: dict[str, list[tuple[int, Any]]]) -
     return path
 
 
-def lidar_bag(path: Path, kind: str, count: int = 20, topic: str = "/points") -> Path:
+def lidar_bag(path: Path, kind: str, count: int = 20, topic: str = "/points", points: int = 40) -> Path:
     """A bag of `count` scans of `scan_points`, 0.1 s apart, with times as Ouster writes them."""
     types = store(kind.startswith("ros1"))
-    times = ("t", np.linspace(0, 99_000_000, 40).astype(np.uint32))
+    times = ("t", np.linspace(0, 99_000_000, points).astype(np.uint32))
     stamps = [START + k * NS // 10 for k in range(count)]
-    messages = [(s + 5_000_000, cloud(types, scan_points(k), s, times)) for k, s in enumerate(stamps)]
+    messages = [(s + 5_000_000, cloud(types, scan_points(k, points), s, times)) for k, s in enumerate(stamps)]
     return write_bag(path, kind, {topic: messages})

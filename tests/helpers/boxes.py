@@ -6,13 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from data.geometry.raycast import TriangleScene
+from data.geometry.raycast import BOX_FACES, TriangleScene
 from data.simulation import SpinningSensor
 
 Array = NDArray[np.float64]
 Box = tuple[float, float, float, float, float, float]  # lowest x y z, highest x y z
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
-_FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
 
 
 def scene_of(boxes: Iterable[Box]) -> TriangleScene:
@@ -22,13 +21,8 @@ def scene_of(boxes: Iterable[Box]) -> TriangleScene:
 
 def triangles_of(boxes: Iterable[Box]) -> Array:
     """(M, 3, 3) the faces of solid boxes."""
-    triangles = []
-    for box in boxes:
-        low, high = np.array(box[:3]), np.array(box[3:])
-        corners = low + _CORNERS * (high - low)
-        for a, b, c, d in _FACES:
-            triangles += [corners[[a, b, c]], corners[[a, c, d]]]
-    return np.array(triangles)
+    limits = np.array(list(boxes)).reshape(-1, 2, 1, 3)
+    return np.asarray((limits[:, 0] + _CORNERS * (limits[:, 1] - limits[:, 0]))[:, BOX_FACES].reshape(-1, 3, 3))
 
 
 def room(x0: float, y0: float, x1: float, y1: float, height: float = 2.6, wall: float = 0.2) -> list[Box]:

@@ -3,7 +3,7 @@
 import functools
 import tempfile
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +13,13 @@ from small_ifc import write_small_ifc
 from data.plans import Bim, load_bim
 from data.scans import ScanFolder
 from data.simulation import Robot, SpinningSensor
+from data.simulation.carriers import WHEELED
 from data.simulation.simulate import simulate
 from data.trajectory import Trajectory
 from sgslam.result import Result
 from sgslam.slam import SceneGraphSlam
 
-ROBOT = Robot(speed=1.0, yaw_rate=1.2, yaw_acceleration=2.0)
+CARRIER = replace(WHEELED, robot=Robot(speed=1.0, yaw_rate=1.2, yaw_acceleration=2.0))
 SENSOR = SpinningSensor(azimuths=450, rate=5.0)
 
 
@@ -53,7 +54,7 @@ def small_drive() -> Drive:
     folder = Path(kept.name)
     building = write_small_ifc(folder / "small.ifc", site=(3000.0, -2000.0, 40.0), yaw=0.5, elevation=3.0)
     run = simulate(
-        building.path, "Ground", folder / "run", seed=3, min_rooms=3, min_length=20.0, sensor=SENSOR, robot=ROBOT
+        building.path, "Ground", folder / "run", seed=3, min_rooms=3, min_length=20.0, sensor=SENSOR, carrier=CARRIER
     )
     scans = [(scan.stamp_ns, scan.points) for scan in ScanFolder(run.out_dir / "scans")]
     return Drive(load_bim(building.path, folder / "cache"), scans, run.truth, building.rooms, kept)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from drives import ROBOT, SENSOR
+from drives import CARRIER, SENSOR
 
 from data.simulation.simulate import simulate
 from data.trajectory import Trajectory
@@ -30,7 +30,7 @@ def write_slabim(folder: Path) -> Path:
     boxes[0].export(mesh / "floors.ply")
     trimesh.util.concatenate(boxes[1:]).export(mesh / "walls.ply")
     trimesh.util.concatenate(boxes).export(folder / "rooms.stl")
-    run = simulate(folder / "rooms.stl", "", folder / "run", 1, 3, 12.0, SENSOR, ROBOT, scan_format="pcd")
+    run = simulate(folder / "rooms.stl", "", folder / "run", 1, 3, 12.0, SENSOR, CARRIER, scan_format="pcd")
     points = root / "sensor_data" / SESSION / "points"
     (points / "data").mkdir(parents=True)
     for k, path in enumerate(sorted((folder / "run/scans").glob("*.pcd"))):

@@ -1,6 +1,6 @@
 """A recorded motion of a sensor, put along another way: its attitude, height and speed, not its place."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from data.common.errors import UserError
 from data.geometry.poses import poses_to_xyzquat
-from data.simulation.carriers.carrier import KNOTS, Array, SmoothMotion, bounded, rounded_way
-from data.simulation.carriers.walking import NEAREST, PERSON, turned
-from data.simulation.drive import Drive, Robot
+from data.simulation.carriers.carrier import KNOTS, WHEELED, Array, Carrier, SmoothMotion, bounded, rounded_way
+from data.simulation.carriers.walking import HANDHELD, NEAREST, PERSON, POLE, turned
+from data.simulation.drive import Drive
 from data.trajectory import Trajectory
 
 SMOOTH = 0.5  # s: the way is what is left of the recorded places after this
@@ -22,22 +22,17 @@ SHORTEST = 5.0  # s
 
 
 @dataclass(frozen=True, eq=False)
-class Recorded:
-    """A `Carrier`: the motion of a recording, KNOTS a second, begun again where it ends.
+class Recorded(Carrier):
+    """The motion of a recording, KNOTS a second, begun again where it ends.
 
     `attitude` (N, 4) are quaternions relative to the direction of the way, `offset` (N, 2) metres forward and left of
     it, `rise` (N,) metres from `height`, and `speed` (N,) along it as a share of the usual one, which is `robot`'s.
     """
 
-    name: str
     attitude: Array
     offset: Array
     rise: Array
     speed: Array
-    height: float
-    robot: Robot
-    rolling: bool = True
-    top: float = 1.75
 
     @staticmethod
     def read(path: Path | str, pace: float = 1.0, reverse: bool = False) -> "Recorded":
@@ -55,7 +50,7 @@ class Recorded:
         name = ", ".join([Path(path).name, *how])
         return _along_its_way(rows, reverse, name, path)
 
-    def motion(self, drive: Drive, level: float, height: float, seed: int) -> SmoothMotion:
+    def motion(self, drive: Drive, level: float, seed: int) -> SmoothMotion:
         """As in `Carrier`: `seed` says where in the recording it begins."""
         way = rounded_way(drive, level)
         start = int(np.random.default_rng([seed, 32]).integers(len(self.speed)))
@@ -66,7 +61,7 @@ class Recorded:
         way = CubicSpline(np.arange(len(way)), way)(along)
         attitude = Rotation.from_euler("z", way[:, 2:3]) * Rotation.from_quat(self.attitude[played])
         offset = np.column_stack([bounded(self.offset[played], self.robot.radius - NEAREST), self.rise[played]])
-        places = np.column_stack([way[:, :2], way[:, 3] + height]) + turned(offset, way[:, 2])
+        places = np.column_stack([way[:, :2], way[:, 3] + self.height]) + turned(offset, way[:, 2])
         return SmoothMotion(np.column_stack([places, attitude.as_quat()]), way)
 
 
@@ -102,10 +97,8 @@ def _along_its_way(rows: Array, reverse: bool, name: str, path: Path | str) -> R
     parts = (attitude, beside, rows[:, 2] - height, speed / usual)
     attitude, beside, rise, share = (_loop(part[::-1] if reverse else part) for part in parts)
     attitude /= np.linalg.norm(attitude, axis=1)[:, None]
-    robot = Robot(
-        PERSON.radius, usual, PERSON.acceleration, PERSON.yaw_rate, PERSON.yaw_acceleration, 0.0, PERSON.stair_speed
-    )
-    return Recorded(name, attitude, beside, rise, share, height, robot)
+    robot = replace(PERSON, speed=usual, rest=0.0)
+    return Recorded(name, robot, height, HANDHELD.top, HANDHELD.rolling, attitude, beside, rise, share)
 
 
 def _loop(values: Array) -> Array:
@@ -117,3 +110,20 @@ def _loop(values: Array) -> Array:
     if values.ndim == 2 and values.shape[1] == 4:
         last = np.where(np.sum(first * last, axis=1, keepdims=True) < 0, -last, last)
     return np.concatenate([weight * first + (1 - weight) * last, values[count:-count]])
+
+
+CARRIERS: dict[str, Carrier] = {"wheeled": WHEELED, "handheld": HANDHELD, "pole": POLE}
+
+
+def carrier_named(name: str, pace: float = 1.0, reverse: bool = False) -> Carrier:
+    """The carrier of this name, or the motion in this TUM file, at a factor of its pace, or played from its end.
+
+    Raises UserError for what is neither, and for a pace of a carrier that is not recorded.
+    """
+    if name in CARRIERS:
+        if pace != 1.0 or reverse:
+            raise UserError(f"carrier {name} is not a recording: leave out pace and reversed")
+        return CARRIERS[name]
+    if Path(name).suffix != ".tum":
+        raise UserError(f"carrier '{name}' is not known; give {', '.join(CARRIERS)}, or a trajectory FILE.tum")
+    return Recorded.read(name, pace, reverse)

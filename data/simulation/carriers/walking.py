@@ -11,7 +11,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
-from data.simulation.carriers.carrier import KNOTS, Array, SmoothMotion, bounded, rounded_way
+from data.simulation.carriers.carrier import KNOTS, Array, Carrier, SmoothMotion, bounded, rounded_way
 from data.simulation.drive import Drive, Robot
 
 STEP_RATE = 1.9  # steps a second
@@ -20,8 +20,8 @@ PERSON = Robot(radius=0.25, speed=1.1, acceleration=1.2, yaw_rate=1.2, yaw_accel
 
 
 @dataclass(frozen=True)
-class Walker:
-    """A `Carrier`. Metres, seconds, degrees; standard deviations where not said otherwise.
+class Walker(Carrier):
+    """Metres, seconds, degrees; standard deviations where not said otherwise.
 
     `bob` is the amplitude of the sensor's rise at each step, `sway` to the sides at each second step; `tilt_deg` the
     wandering of roll and pitch, which takes `tilt_time`, `liveliness` how much its size differs from time to time
@@ -43,15 +43,14 @@ class Walker:
     glance_deg: float = 15.0
     lever: float = 0.0
 
-    def motion(self, drive: Drive, level: float, height: float, seed: int) -> SmoothMotion:
-        """As in `Carrier`."""
+    def motion(self, drive: Drive, level: float, seed: int) -> SmoothMotion:
         way, rng = rounded_way(drive, level), np.random.default_rng([seed, 31])
         yaw, roll, pitch = self._attitude(way, rng)
         attitude = Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll]))
         offset = self._steps(way, rng)
         offset += self.lever * np.column_stack([np.sin(pitch), -np.sin(roll), np.cos(pitch) * np.cos(roll) - 1])
         offset[:, :2] = bounded(offset[:, :2], self.robot.radius - NEAREST)
-        places = np.column_stack([way[:, :2], way[:, 3] + height]) + turned(offset, way[:, 2])
+        places = np.column_stack([way[:, :2], way[:, 3] + self.height]) + turned(offset, way[:, 2])
         return SmoothMotion(np.column_stack([places, attitude.as_quat()]), way)
 
     def _steps(self, way: Array, rng: np.random.Generator) -> Array:

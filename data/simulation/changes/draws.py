@@ -1,13 +1,23 @@
-"""Which walls and columns of a storey differ from the plan, drawn at random; doors and windows besides."""
+"""Which walls, doors, windows and columns of a storey differ from the plan, drawn at random."""
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
 
 import ifcopenshell
 import numpy as np
+import shapely
+from numpy.typing import NDArray
 
 from data.ifc.products import IfcProduct
-from data.simulation.changes.changes import MOST, Change, Changes
-from data.simulation.changes.opening_draws import across, draw_openings
+from data.simulation.changes import MOST, Change, Changes
 
 LEAST = 0.1  # m across, of a moved wall
+FILLINGS = ("IfcDoor", "IfcWindow")
+GAP = 0.05  # m between a displaced opening and the wall's end, another opening, or what stands at the wall
+AT_FACE = 0.01  # m from a wall's face, within which something stands at it
+NICHE = 0.02  # m of a wall's thickness that an opening may leave and still go through it
+
+Array = NDArray[np.float64]
 
 
 def draw_changes(
@@ -68,3 +78,99 @@ def _draw_columns(columns: list[IfcProduct], changes: Changes, seed: int) -> lis
         x, y = (changes.displaced_by * np.array([np.cos(angle), np.sin(angle)])).tolist()
         drawn.append(Change(column, "displaced", (x, y)))
     return drawn + [Change(column, "absent") for column in chosen[displaced : displaced + absent]]
+
+
+@dataclass(frozen=True, eq=False)
+class _Opening:
+    """GlobalId of its door or window, the wall that it is in, and its own volume."""
+
+    filling: str
+    wall: IfcProduct
+    volume: IfcProduct
+
+
+def draw_openings(
+    model: ifcopenshell.file, walls: list[IfcProduct], columns: list[IfcProduct], volumes: list[IfcProduct],
+    changed: Collection[str], changes: Changes, seed: int,
+) -> list[Change]:  # fmt: skip
+    """Chooses doors and windows in openings of a storey's `walls`, the same for the same seed; none in the walls that
+    are `changed` (GlobalIds). `volumes` are the IfcOpeningElements.
+
+    A displaced opening stays within its wall, and clear of the wall's other openings, of other walls and of columns.
+    Fewer are displaced where too few can be.
+    """
+    rng = np.random.default_rng([seed, 103])
+    openings = sorted(_openings(model, walls, volumes), key=lambda opening: opening.filling)
+    displaced, filled = (round(s * len(openings)) for s in (changes.openings_displaced, changes.openings_filled))
+    openings = [opening for opening in openings if opening.wall.global_id not in changed]
+    of_walls = {key for wall in walls for key in _opening_ids(model, wall)}
+    holes = [volume for volume in volumes if volume.global_id in of_walls]
+    in_the_way = {product.global_id: _hull(product) for product in (*walls, *columns, *holes)}
+    senses = rng.choice([-1.0, 1.0], len(openings))
+    drawn, left = list[Change](), list[_Opening]()
+    for k in rng.permutation(len(openings)):
+        opening = openings[k]
+        offset = _offset(opening, senses[k] * changes.displaced_by, in_the_way) if len(drawn) < displaced else None
+        if offset is None:
+            left.append(opening)
+            continue
+        drawn.append(Change(opening.filling, "displaced", offset))
+        place = opening.volume.global_id
+        in_the_way[place] = shapely.affinity.translate(in_the_way[place], *offset)
+    return drawn + [Change(opening.filling, "filled") for opening in left[:filled]]
+
+
+def across(wall: IfcProduct) -> Array:
+    """(2,) the unit vector along the shorter side of the smallest rectangle around the footprint."""
+    around = shapely.oriented_envelope(shapely.multipoints(wall.vertices[:, :2]))
+    corners = np.asarray(around.exterior.coords)
+    sides = np.diff(corners[:3], axis=0)
+    lengths = np.linalg.norm(sides, axis=1)
+    return np.asarray(sides[np.argmin(lengths)] / lengths.min())
+
+
+def _opening_ids(model: ifcopenshell.file, wall: IfcProduct) -> Iterator[str]:
+    for voids in model.by_guid(wall.global_id).HasOpenings:
+        yield voids.RelatedOpeningElement.GlobalId
+
+
+def _openings(model: ifcopenshell.file, walls: list[IfcProduct], volumes: list[IfcProduct]) -> Iterator[_Opening]:
+    """Those that one door or window fills. Walls made of parts are left out: their openings cut the parts."""
+    volume_of = {volume.global_id: volume for volume in volumes}
+    for wall in walls:
+        entity = model.by_guid(wall.global_id)
+        if entity.Representation is None or entity.IsDecomposedBy:
+            continue
+        for key in _opening_ids(model, wall):
+            opening = model.by_guid(key)
+            fillings = [fills.RelatedBuildingElement for fills in opening.HasFillings]
+            can_move = opening.GlobalId in volume_of and opening.ObjectPlacement.is_a("IfcLocalPlacement")
+            if can_move and len(fillings) == 1 and any(fillings[0].is_a(c) for c in FILLINGS):
+                yield _Opening(fillings[0].GlobalId, wall, volume_of[opening.GlobalId])
+
+
+def _offset(opening: _Opening, by: float, in_the_way: dict[str, shapely.Geometry]) -> tuple[float, float] | None:
+    """The shift by so many metres along the wall, forward or else back, (x, y) in the BIM frame; None if neither way
+    is free, and for an opening that does not go straight through its wall.
+    """
+    v = across(opening.wall)
+    axes = np.array([[-v[1], v[0]], v])
+    hole, wall = (product.vertices[:, :2] @ axes.T for product in (opening.volume, opening.wall))
+    (first, front), (last, back) = wall.min(axis=0), wall.max(axis=0)
+    if hole[:, 1].min() > front + NICHE or hole[:, 1].max() < back - NICHE:
+        return None
+    itself = (opening.wall.global_id, opening.volume.global_id)
+    others = [shape for key, shape in in_the_way.items() if key not in itself]
+    for step in (by, -by):
+        edge = hole[:, 0].max() if step > 0 else hole[:, 0].min()
+        low, high = sorted((edge, edge + step + np.copysign(GAP, step)))
+        corners = np.asarray(shapely.box(low, front - AT_FACE, high, back + AT_FACE).exterior.coords)
+        stretch = shapely.Polygon(corners @ axes)
+        if first <= low and high <= last and not shapely.intersects(stretch, others).any():
+            x, y = (step * axes[0]).tolist()
+            return x, y
+    return None
+
+
+def _hull(product: IfcProduct) -> shapely.Geometry:
+    return shapely.convex_hull(shapely.multipoints(product.vertices[:, :2]))

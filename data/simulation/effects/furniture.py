@@ -1,15 +1,19 @@
-"""Shelves, cupboards and tables along the walls of rooms."""
+"""What stands in a building beside its plan: shelves, cupboards and tables along walls, and door leaves, all as upright
+boxes."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from data.simulation.effects.boxes import UprightBox
+from data.geometry.raycast import BOX_FACES
 from data.simulation.occupancy import CELL, Grid
 
 Array = NDArray[np.float64]
+SPOT = CELL / 2  # m between the points of a footprint
 PIECES = (  # depth, width, lowest and highest z above the floor, m
     ((0.3, 0.45), (0.8, 2.4), 0.0, (1.6, 1.9)),  # shelf
     ((0.4, 0.6), (0.8, 1.6), 0.0, (0.8, 1.4)),  # cupboard
@@ -19,6 +23,35 @@ EACH = 3.0  # m2 of a room for each piece
 MOST = 8  # pieces in a room
 TRIES = 12  # places tried for each piece
 DOORWAY = 1.0  # m about a door's middle that stays free
+THICK, FRAME = 0.04, 0.05  # m: a leaf's thickness; the frame's width on each side and above
+PASSED = 0.6  # m: a way that comes so near to a door's middle leads through
+ONE_LEAF = 1.4  # m: a wider door has two leaves
+BESIDE = 0.2  # m that a leaf keeps from the way
+AJAR_DEG = (20.0, 75.0)
+
+
+@dataclass(frozen=True, eq=False)
+class UprightBox:
+    """A box on the rectangle about `centre` (2,) with the half `sides` (2, 2), from z `low` to `high`; metres."""
+
+    centre: Array
+    sides: Array
+    low: float
+    high: float
+
+    @property
+    def triangles(self) -> Array:
+        """(12, 3, 3)."""
+        u, v, top = np.array([[u, v, top] for u in (-1, 1) for v in (-1, 1) for top in (0, 1)], dtype=float).T
+        xy = self.centre + np.column_stack([u, v]) @ self.sides
+        return np.asarray(np.column_stack([xy, self.low + (self.high - self.low) * top])[BOX_FACES])
+
+    @property
+    def footprint(self) -> Array:
+        """(N, 2) points all over the rectangle, at most SPOT apart."""
+        counts = np.ceil(2 * np.linalg.norm(self.sides, axis=1) / SPOT).astype(int) + 1
+        u, v = np.meshgrid(*(np.linspace(-1, 1, count) for count in counts))
+        return np.asarray(self.centre + np.column_stack([u.ravel(), v.ravel()]) @ self.sides)
 
 
 def furniture(
@@ -75,3 +108,53 @@ def _against_wall(
     wall = grid.to_xy(np.array([row, column])) - (grid.clearance[row, column] - CELL) * away
     along = np.array([-away[1], away[0]])
     return UprightBox(wall + (depth / 2 + 0.01) * away, np.stack([depth / 2 * away, width / 2 * along]), low, high)
+
+
+def door_leaves(doors: Sequence[Array], way: Array, rng: np.random.Generator) -> list[UprightBox]:
+    """The leaves of doors, triangles (M, 3, 3) each, beside a way (N, 2); one that would be in the way is left out."""
+    tree = cKDTree(way)
+    leaves: list[UprightBox] = []
+    for door in doors:
+        outline = _outline(door)
+        if outline is None:
+            continue
+        middle, along, across = outline
+        passed = tree.query(middle)[0] < PASSED
+        angle = np.radians(90.0 if passed else rng.choice([0.0, rng.uniform(*AJAR_DEG)]))
+        low, high = float(door[:, :, 2].min()), float(door[:, :, 2].max()) - FRAME
+        for hinge, width in _hinges(middle, along, bool(rng.integers(2))):
+            tries = [UprightBox(*_swung(hinge, width, across * side, angle), low, high) for side in (1.0, -1.0)]
+            if not passed:
+                tries.append(UprightBox(*_swung(hinge, width, across, 0.0), low, high))
+            free = [leaf for leaf in tries if tree.query(leaf.footprint)[0].min() > BESIDE]
+            leaves += free[:1]
+    return leaves
+
+
+def _outline(door: Array) -> tuple[Array, Array, Array] | None:
+    """Middle (2,), half the width along the wall (2,), unit vector across; None where the leaf is drawn swung open."""
+    around = shapely.oriented_envelope(shapely.multipoints(door.reshape(-1, 3)[:, :2]))
+    if around.geom_type != "Polygon":
+        return None
+    corners = np.asarray(around.exterior.coords)
+    sides = sorted(np.diff(corners[:3], axis=0), key=lambda side: -float(np.linalg.norm(side)))
+    width, depth = (float(np.linalg.norm(side)) for side in sides)
+    if depth > 0.6 * width or width < 0.5:
+        return None
+    return corners[:4].mean(axis=0), sides[0] / 2, sides[1] / depth
+
+
+def _hinges(middle: Array, along: Array, other: bool) -> list[tuple[Array, Array]]:
+    """Each leaf's hinge (2,) and, from there, its width (2,) when shut."""
+    half = along * (1 - FRAME / float(np.linalg.norm(along)))
+    if 2 * np.linalg.norm(along) > ONE_LEAF:
+        return [(middle - half, half), (middle + half, -half)]
+    return [(middle + half, -2 * half)] if other else [(middle - half, 2 * half)]
+
+
+def _swung(hinge: Array, width: Array, across: Array, angle: float) -> tuple[Array, Array]:
+    """Centre (2,) and half sides (2, 2) of a leaf turned to one side."""
+    length = float(np.linalg.norm(width))
+    leaf = np.cos(angle) * width + np.sin(angle) * length * across
+    normal = np.array([-leaf[1], leaf[0]]) / length
+    return hinge + leaf / 2, np.stack([leaf / 2, normal * THICK / 2])

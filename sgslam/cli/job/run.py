@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from data.common.cli import log_to
 from data.common.errors import UserError
-from data.common.log_lines import log_to
 from data.imu import ImuSamples
 from data.trajectory import Trajectory
 from sgslam.cli.job.inputs import Building, RunInputs

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from data.common.children import end_with_parent
 from data.common.errors import UserError
+from data.common.processes import end_with_parent
 
 if TYPE_CHECKING:  # the process is started before these are loaded
     from sgslam.cli.job.inputs import RunInputs

@@ -25,7 +25,7 @@ from data.plans.mesh_plan import read_mesh
 from data.scans.formats import read_timed
 from data.scans.sources import open_scans
 from data.scene_graph import SceneGraph
-from data.scene_graph.g2o import read_g2o
+from data.slam_output.g2o import read_g2o
 from data.streams import McapPipe
 from data.trajectory.readers import read_poses
 from data.trajectory.stamps import read_times

@@ -15,7 +15,6 @@ from plan_files import COLUMNS, CORE, DOOR, FAR, PLANS, T, X, Y, dxf, feature, g
 from shapely.geometry import LineString, box, mapping
 
 from data.common.errors import UserError
-from data.generation.halls import KINDS, generate_hall, write_hall
 from data.geometry.areas import united
 from data.ifc.writer import IfcWriter
 from data.plans import load_bim, read_plans
@@ -177,15 +176,6 @@ def test_geojson_in_degrees(tmp_path: Path) -> None:
     np.testing.assert_allclose(areas(bim.graph), [36, 24], rtol=0.02)
     assert len(bim.graph.wall_surfaces) == 8  # also where they touch
     assert any("longitude" in n for n in bim.notices)
-
-
-def test_generated_halls_are_the_same_each_time(tmp_path: Path) -> None:
-    for kind in KINDS:
-        written = []
-        for _ in range(2):
-            write_hall(generate_hall(kind, 0), tmp_path / "a.stl", tmp_path / "a.geojson")
-            written.append(((tmp_path / "a.stl").read_bytes(), (tmp_path / "a.geojson").read_bytes()))
-        assert written[0] == written[1] and len(load_bim(tmp_path / "a.geojson").graph.wall_surfaces) > 8
 
 
 def json_plan(*rooms: Any, **more: Any) -> str:

@@ -10,7 +10,7 @@ from data import UserError
 from data.scans import ScanFolder
 from data.scans.writers import SCAN_WRITERS
 from data.slam_output import open_slam_output
-from data.slam_output.graph_poses import read_graph_poses
+from data.slam_output.g2o import read_graph_poses
 from data.slam_output.posed_scans import PosedScans, walking_stamps
 from data.trajectory import Trajectory
 from data.trajectory.readers import PoseList

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from bag_files import lidar_bag
 
-from data.bags.recovery import Recovery
+from data.bags import mcap_records
 from data.common.errors import UserError
 from data.streams import Arrival, GrowingFolder, McapPipe, ScanStream
-from data.streams.growing_stamps import GrowingStamps
+from data.streams.growing_folder import GrowingStamps
 
 SOON = 5.0  # s, within which a busy machine notices
 POINTS = np.random.default_rng(0).normal(size=(50, 3)).astype(np.float32)
@@ -38,7 +38,7 @@ def stamps_of(arrivals: "queue.Queue[Arrival]", count: int) -> list[int]:
     return [arrivals.get(timeout=SOON).scan.stamp_ns for _ in range(count)]
 
 
-def test_a_file_is_taken_when_its_writer_has_closed_it_and_not_before(tmp_path: Path) -> None:
+def test_a_file_is_taken_when_its_writer_has_left_it_and_not_before(tmp_path: Path) -> None:
     data = np.c_[POINTS, np.zeros(50)].astype("<f4").tobytes()
     with coming(GrowingFolder(tmp_path)) as arrivals:
         with (tmp_path / "1.25.bin").open("wb") as file:
@@ -47,8 +47,8 @@ def test_a_file_is_taken_when_its_writer_has_closed_it_and_not_before(tmp_path: 
             with pytest.raises(queue.Empty):
                 arrivals.get(timeout=0.3)
             file.write(data[320:])
-        scan = arrivals.get(timeout=SOON).scan
-        assert scan.stamp_ns == 1_250_000_000 and np.array_equal(scan.points, POINTS)
+        (tmp_path / "1.75.bin").write_bytes(data)
+        assert stamps_of(arrivals, 2) == [1_250_000_000, 1_750_000_000]
 
 
 def test_files_are_taken_in_their_order_with_those_that_were_there_before(tmp_path: Path) -> None:
@@ -109,8 +109,8 @@ def test_a_pipes_scan_comes_with_its_record_and_what_is_cut_off_is_told(tmp_path
             end.close()
             with pytest.raises(queue.Empty):
                 arrivals.get(timeout=0.2)
-    assert [own.index for own in stream.skipped] == [2] and "cut off" in stream.remarks[0]
-    with (tmp_path / "none").open("w+b") as file, pytest.raises(UserError, match="does not start like MCAP"):
+    assert not stream.skipped and "cut off" in stream.remarks[0]
+    with (tmp_path / "none").open("w+b") as file, pytest.raises(UserError, match=r"no scans arrived .*EndOfFile"):
         list(McapPipe(file))
 
 
@@ -123,7 +123,8 @@ def unchunked(bag: Path) -> list[bytes]:
     def record(op: int, data: bytes) -> bytes:
         return struct.pack("<BQ", op, len(data)) + data
 
-    records = list(Recovery(bag))
+    with bag.open("rb") as file:
+        records = list(mcap_records(file))
     schema = struct.pack("<H", 1) + text(records[0].msgtype.encode()) + text(b"ros2msg") + text(b"")
     channel = struct.pack("<HH", 1, 1) + text(records[0].topic.encode()) + text(b"cdr") + text(b"")
     begin = b"\x89MCAP0\r\n" + record(1, text(b"") * 2) + record(3, schema) + record(4, channel)

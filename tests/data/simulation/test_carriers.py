@@ -13,12 +13,11 @@ from data.common.errors import UserError
 from data.imu import read_imu
 from data.scans import ScanFolder
 from data.simulation import SpinningSensor
-from data.simulation.carriers import HANDHELD, Recorded, carrier_named
-from data.simulation.carriers.shaken import Shaken
+from data.simulation.carriers import HANDHELD, Recorded, carrier_named, shaken
 from data.simulation.drive import Robot, plan_drive
 from data.simulation.imu import RATE as IMU_RATE
 from data.simulation.imu import imu_named
-from data.simulation.sensors import SENSORS, sensor_named
+from data.simulation.sensor import SENSORS, sensor_named
 from data.simulation.simulate import simulate
 from data.trajectory import Trajectory
 
@@ -43,7 +42,7 @@ def test_a_recording_gives_its_attitude_height_and_pace(tmp_path: Path, pace: fl
     carrier = Recorded.read(written(tmp_path / "circle.tum"), pace, reverse)
     assert carrier.height == pytest.approx(1.2) and carrier.robot.speed == pytest.approx(pace, rel=0.05)
     leg = np.column_stack([np.linspace(0, 90, 9001), np.zeros(9001)])  # longer than the recording: it begins again
-    motion = carrier.motion(plan_drive([leg], 0.0, carrier.robot), 5.0, 1.2, 0)
+    motion = carrier.motion(plan_drive([leg], 0.0, carrier.robot), 5.0, 0)
     seconds = np.arange(2.0, motion.duration - 2, 1 / RATE)
     poses = motion.poses(seconds)
     yaw, pitch, roll = Rotation.from_matrix(poses[:, :3, :3]).as_euler("ZYX", degrees=True).T
@@ -57,9 +56,9 @@ def test_a_recording_gives_its_attitude_height_and_pace(tmp_path: Path, pace: fl
 
 
 def test_one_who_is_shaken_turns_fast_meanwhile_and_walks_as_before() -> None:
-    shaken = Shaken(HANDHELD, begin=2.0, lasts=4.0)
-    drive = plan_drive([np.column_stack([np.linspace(0, 20, 2001), np.zeros(2001)])], 0.0, shaken.robot)
-    calm, moved = (carrier.motion(drive, 0.0, 1.2, seed=3) for carrier in (HANDHELD, shaken))
+    restless = shaken(HANDHELD, begin=2.0, lasts=4.0)
+    drive = plan_drive([np.column_stack([np.linspace(0, 20, 2001), np.zeros(2001)])], 0.0, restless.robot)
+    calm, moved = (carrier.motion(drive, 0.0, seed=3) for carrier in (HANDHELD, restless))
     seconds = np.arange(0.0, 8.0, 0.01)
     before, after = calm.poses(seconds), moved.poses(seconds)
     assert moved.duration == calm.duration and np.array_equal(before[:, :3, 3], after[:, :3, 3])

@@ -11,7 +11,8 @@ from data.common.errors import UserError
 from data.geometry.raycast import TriangleScene
 from data.ifc.products import open_ifc
 from data.simulation import Changes
-from data.simulation.storey_model import StoreyModel, load_storey
+from data.simulation.changes import AS_PLANNED
+from data.simulation.storey_model import StoreyModel, load_storeys
 
 Array = NDArray[np.float64]
 BY = 0.15
@@ -26,7 +27,7 @@ def met(model: StoreyModel, T: Array, origin: Iterable[float], direction: Iterab
 def test_displaced_openings_have_their_edges_where_told(building: SmallBuilding) -> None:
     before = building.path.read_bytes()
     changes = Changes(openings_displaced=1.0, displaced_by=BY)
-    planned, built = (load_storey(building.path, "Ground", c, seed=2) for c in (None, changes))
+    planned, built = (load_storeys(building.path, ["Ground"], c, seed=2)[0] for c in (AS_PLANNED, changes))
     model = open_ifc(building.path)
     assert [c.kind for c in built.changes] == ["displaced"] * 3 and building.path.read_bytes() == before
     assert len(built.doors) == 2 and built.glazed.sum() == planned.glazed.sum() > 0
@@ -52,7 +53,8 @@ def test_displaced_openings_have_their_edges_where_told(building: SmallBuilding)
 
 
 def test_a_filled_door_is_wall_and_a_filled_window_too(building: SmallBuilding) -> None:
-    planned, built = (load_storey(building.path, "Ground", c) for c in (None, Changes(openings_filled=1.0)))
+    filled = Changes(openings_filled=1.0)
+    planned, built = (load_storeys(building.path, ["Ground"], c)[0] for c in (AS_PLANNED, filled))
     T, door = building.T_bim_building, (DOORS[0][0] + DOORS[0][3]) / 2
     assert len(planned.doors) == 2 and not built.doors and planned.glazed.any() and not built.glazed.any()
     assert [c.kind for c in built.changes] == ["filled"] * 3

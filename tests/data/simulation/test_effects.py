@@ -1,6 +1,7 @@
 """What real sensors meet, in the simulation: glass, people, doors, furniture, tolerance, returns, steps."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +14,12 @@ from data.common.errors import UserError
 from data.geometry.raycast import TriangleScene
 from data.scans import ScanFolder
 from data.simulation import SimulatedRun, SpinningSensor
-from data.simulation.carriers import HANDHELD
+from data.simulation.carriers import HANDHELD, WHEELED
 from data.simulation.effects import EFFECTS, checked, timing_of
 from data.simulation.effects.platforms import FROM_WALLS, RISE
 from data.simulation.effects.world import World
 from data.simulation.simulate import simulate
-from data.simulation.storey_model import load_storey
+from data.simulation.storey_model import load_storeys
 
 SENSOR = SpinningSensor(azimuths=180, rate=5.0)
 Array = NDArray[np.float64]
@@ -35,7 +36,7 @@ def points(run: SimulatedRun, building: SmallBuilding) -> list[Array]:
 
 
 def test_seven_of_ten_rays_pass_a_pane(building: SmallBuilding) -> None:
-    model = load_storey(building.path, "Ground")
+    (model,) = load_storeys(building.path, ["Ground"])
     glazed = model.solid[model.glazed].reshape(-1, 3)
     np.testing.assert_allclose(building.from_bim(glazed).min(axis=0), PANE[:3], atol=1e-6)
     np.testing.assert_allclose(building.from_bim(glazed).max(axis=0), PANE[3:], atol=1e-6)
@@ -63,7 +64,7 @@ def test_one_person_follows_and_others_are_met(building: SmallBuilding, tmp_path
 
 
 def test_the_sensor_rises_over_a_step(building: SmallBuilding, tmp_path: Path) -> None:
-    run = driven(building, tmp_path / "run", "steps", "snapshots", seconds=40.0, sensor_height=0.9)
+    run = driven(building, tmp_path / "run", "steps", "snapshots", seconds=40.0, carrier=replace(WHEELED, height=0.9))
     places = building.from_bim(run.truth.positions)
     assert places[:, 2].min() < 0.95 + 0.05 and places[:, 2].max() > 0.9 + RISE - 0.06
     high = places[places[:, 2] > 0.9 + RISE - 0.06]

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,8 @@ from data.geometry.raycast import TriangleScene
 from data.scans import ScanFolder
 from data.scans.formats import read_points
 from data.simulation import Changes, Robot, SimulatedRun, SpinningSensor
-from data.simulation.simulate import ROBOT, simulate
+from data.simulation.carriers import WHEELED
+from data.simulation.simulate import simulate
 from data.trajectory import Trajectory
 
 SENSOR = SpinningSensor(azimuths=120, rate=5.0)
@@ -64,7 +66,7 @@ def points_in_building(run: SimulatedRun, building: SmallBuilding, every: int = 
 def test_scans_at_the_true_poses_lie_on_the_building(run: SimulatedRun, building: SmallBuilding) -> None:
     """Every surface is seen; leaves of doors are not there; the sensor keeps its distance and height."""
     places, points = building.from_bim(run.truth.positions), points_in_building(run, building, every=5)
-    assert plan_distance(places[:, :2], building.solids).min() >= ROBOT.radius
+    assert plan_distance(places[:, :2], building.solids).min() >= WHEELED.robot.radius
     np.testing.assert_allclose(places[:, 2], 0.8, atol=1e-3)
     off = off_surfaces(points, building.solids)
     assert np.mean(off < 0.08) > 0.99 and np.median(off) < 0.02
@@ -104,7 +106,7 @@ def test_models_that_lack_something_can_be_driven(options: dict[str, Any], tmp_p
     run = simulate(bare.path, "ground", tmp_path / "out", 0, 3, 20.0, sensor)
     places, points = bare.from_bim(run.truth.positions), points_in_building(run, bare)
     pit = (*PIT[:2], 0.0, *PIT[3:5], 1.0)
-    assert plan_distance(places[:, :2], (*bare.solids, *[pit] * ("pit" in options))).min() >= ROBOT.radius
+    assert plan_distance(places[:, :2], (*bare.solids, *[pit] * ("pit" in options))).min() >= WHEELED.robot.radius
     np.testing.assert_allclose(places[:, 2], 0.8, atol=1e-3)
     assert run.rooms_entered == 3 and all(any(in_room(p, name) for p in places[:, :2]) for name in ROOMS)
     assert np.mean(off_surfaces(points, bare.solids) < 0.08) > 0.99
@@ -115,12 +117,12 @@ def test_models_that_lack_something_can_be_driven(options: dict[str, Any], tmp_p
     ("change", "message"),
     [
         ({"storey": "Attic"}, r"no storey 'Attic'.*'Ground'"),
-        ({"robot": Robot(radius=3.0)}, "no room can be reached"),
+        ({"carrier": replace(WHEELED, robot=Robot(radius=3.0))}, "no room can be reached"),
         ({"scan_format": "xyz"}, "scan format 'xyz'.*bin"),
     ],
 )
 def test_mistakes_are_refused(building: SmallBuilding, tmp_path: Path, change: dict[str, Any], message: str) -> None:
-    arguments: dict[str, Any] = {"ifc": building.path, "storey": "Ground", "out_dir": tmp_path / "out", **change}
+    arguments: dict[str, Any] = {"building": building.path, "storey": "Ground", "out_dir": tmp_path / "out", **change}
     with pytest.raises(UserError, match=message):
         simulate(**arguments)
     assert list(tmp_path.iterdir()) == []

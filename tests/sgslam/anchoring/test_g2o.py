@@ -9,7 +9,7 @@ from g2o_files import T_BIM_MAP, LoopBuilding, drawn_graph
 
 from data.common.errors import UserError
 from data.scene_graph import SceneGraph
-from data.scene_graph.g2o import PlaneGraph, plane_of, read_g2o
+from data.slam_output.g2o import PlaneGraph, plane_of, read_g2o
 
 SE2 = Path(__file__).parents[4] / "shared/data/slam_graphs"
 DRAWN = drawn_graph()

@@ -11,7 +11,7 @@ from drives import off, small_drive
 from slam_outputs import SlamOutput, slam_output, write_poses
 from small_ifc import write_small_ifc
 
-from data.scans.ply import write_ply
+from data.scans.writers import write_ply
 from data.trajectory import Trajectory
 from sgslam.cli.job.run import Interruption
 

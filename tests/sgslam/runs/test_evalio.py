@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from commands import refused
-from drives import ROBOT, SENSOR
+from drives import CARRIER, SENSOR
 from small_ifc import write_small_ifc
 
 from data.simulation.simulate import simulate
@@ -26,7 +26,7 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a building and a drive through it, where evalio looks for data."""
     folder = tmp_path_factory.mktemp("evalio")
     building = write_small_ifc(folder / "small.ifc")
-    way = {"seed": 3, "min_rooms": 3, "min_length": 20.0, "sensor": SENSOR, "robot": ROBOT}
+    way = {"seed": 3, "min_rooms": 3, "min_length": 20.0, "sensor": SENSOR, "carrier": CARRIER}
     simulate(building.path, "Ground", folder / NAME, **way, imu="tactical", effects=("rolling",))
     return folder
 

@@ -1,5 +1,6 @@
 """Several storeys in one run: floors of the map, and which storeys of the plan they are."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from data.generation.demo_building import DEMO_STOREYS, write_demo_building
 from data.plans import Bim, load_bim
 from data.scans import ScanFolder
 from data.simulation import Robot, SimulatedRun, SpinningSensor
+from data.simulation.carriers import WHEELED
 from data.simulation.simulate import simulate
 from sgslam.result import Result
 from sgslam.slam import SceneGraphSlam
@@ -29,9 +31,9 @@ def building(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def drive(building: Path) -> SimulatedRun:
     """Up the stair, and down again."""
     sensor = SpinningSensor(azimuths=450)
-    robot = Robot(yaw_rate=1.2, yaw_acceleration=2.0)
+    carrier = replace(WHEELED, robot=Robot(yaw_rate=1.2, yaw_acceleration=2.0))
     storeys = (GROUND, UPPER, GROUND)
-    return simulate(building, storeys, building.parent / "drive", 1, 1, 6.0, sensor, robot)
+    return simulate(building, storeys, building.parent / "drive", 1, 1, 6.0, sensor, carrier)
 
 
 @pytest.fixture(scope="module")

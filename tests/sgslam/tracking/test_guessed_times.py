@@ -12,7 +12,7 @@ from data.geometry.raycast import TriangleScene
 from data.scans import ScanFolder
 from data.scans.point_times import Stamped
 from data.simulation import SpinningSensor
-from data.simulation.sensors import sensor_named
+from data.simulation.sensor import sensor_named
 from sgslam.config import TrackingSettings
 from sgslam.odometry.timed import Kinds, TimedOdometry
 from sgslam.perception.point_times import guessed_times

@@ -8,20 +8,16 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-import ifcopenshell
 import numpy as np
 import shapely
 from shapely.geometry.polygon import orient
 
 from data.geometry.areas import Area, difference, opened, overlap, polygons_of, united
-from data.geometry.level_faces import CLEARANCE, LEAST, LevelFace, Plane, level_faces, visible, within
-from data.ifc.products import products, triangulated
-from data.ifc.rooms import RoomVolume
-from data.ifc.sections import Solid, solid_of
+from data.geometry.level_faces import CLEARANCE, LEAST, Array, LevelFace, Plane, level_faces, visible, within
 from data.scene_graph import Floor, LevelSurface
+from data.walls.rooms import RoomVolume
+from data.walls.solids import Solid
 
-STAIRS = ("IfcStair", "IfcStairFlight", "IfcRamp", "IfcRampFlight")
-LEVELS = ("IfcSlab", "IfcCovering", "IfcRoof", *STAIRS)
 OFF = 0.3  # m by which a room's floor may lie under its space, and its ceiling over it
 HEAD = 1.0  # m of a room above a floor, at least
 HALF = 0.2  # m: half the width of the narrowest level surface; stairs' treads are narrower
@@ -33,11 +29,12 @@ WallsAt = Callable[[Area, float], Area]
 
 @dataclass(frozen=True, eq=False)
 class PlannedLevels:
-    """The level faces of a model, its stairs and ramps with their hulls in plan, and the model of the rooms' spaces."""
+    """The level faces of a plan, its stairs and ramps with their hulls in plan, and the triangles (M, 3, 3) that bound
+    the space of a room, by its id, None for none."""
 
     faces: Sequence[LevelFace]
     stairs: Sequence[tuple[Solid, Area]] = ()
-    model: ifcopenshell.file | None = None
+    bounds: Callable[[str], Array | None] = lambda _: None
 
     def stairs_in(self, area: Area, low: float = np.inf, high: float = -np.inf) -> bool:
         """Whether a stair or ramp in an area begins below one height and ends above another."""
@@ -45,28 +42,9 @@ class PlannedLevels:
 
     def space(self, room: RoomVolume) -> Iterator[LevelFace]:
         """Yields the floor and ceiling of a room's space."""
-        space = None if self.model is None else self.model.by_guid(room.room.id)
-        mesh = None if space is None else triangulated(space)
-        for face in () if mesh is None else level_faces(mesh[0][mesh[1]], room.room.id, "IfcSpace"):
+        bounds = self.bounds(room.room.id)
+        for face in () if bounds is None else level_faces(bounds, room.room.id, "IfcSpace"):
             yield replace(face, is_floor=not face.is_floor)
-
-
-def planned_levels(model: ifcopenshell.file, has_spaces: bool) -> PlannedLevels:
-    """Reads the level faces of an IFC model, whose rooms are its spaces or (`has_spaces` false) not."""
-    bodies = [solid_of(p) for p in products(model, LEVELS)]
-    stairs = [b for b in bodies if b.product.ifc_class in STAIRS]
-    hulls = [shapely.MultiPoint(stair.product.vertices[:, :2]).convex_hull for stair in stairs]
-    faces, with_hulls = [f for b in bodies for f in _faces(b)], tuple(zip(stairs, hulls, strict=True))
-    return PlannedLevels(faces, with_hulls, model if has_spaces else None)
-
-
-def _faces(body: Solid) -> list[LevelFace]:
-    """The level faces of all pieces of a body, those in one plane together."""
-    name, kind, joined = body.product.global_id, body.product.ifc_class, dict[tuple[bool, Plane], list[LevelFace]]()
-    for face in (f for triangles, _ in body.pieces for f in level_faces(triangles, name, kind)):
-        a, b, c = np.round(face.plane, 4).tolist()
-        joined.setdefault((face.is_floor, (a, b, c)), []).append(face)
-    return [replace(own[0], area=united(f.area for f in own)) for own in joined.values()]
 
 
 def level_surfaces(

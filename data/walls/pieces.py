@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from data.geometry.areas import Area
 from data.geometry.intervals import Intervals, common, united, without
-from data.ifc.edges import Edge
-from data.ifc.rooms import Level
-from data.ifc.sections import Solid
 from data.scene_graph import WallSurface
+from data.walls.edges import Edge
+from data.walls.rooms import Level
+from data.walls.solids import Solid
 
 SAME_PLANE = 0.01  # m
 SAME_ANGLE = float(np.cos(np.radians(0.5)))
@@ -76,7 +76,7 @@ def _by_plane(pieces: list[Piece]) -> list[tuple[Edge, list[Piece]]]:
     planes = []
     for k, reference in enumerate(pieces):
         if free[k]:
-            curtain = reference.solid.product.ifc_class == "IfcCurtainWall"
+            curtain = reference.solid.kind == "IfcCurtainWall"
             depth = np.where(curtain & (solids == solids[k]), CURTAIN_DEPTH, SAME_PLANE)
             offset = np.abs((ends - reference.edge.start) @ reference.edge.normal).max(axis=1)
             here = free & (along @ reference.edge.along > SAME_ANGLE) & (offset < depth)
@@ -121,7 +121,7 @@ def _surface(level: Level, room: str | None, pieces: list[Piece]) -> WallSurface
     height = _height(level, room, plane, (low, high), list(of_solid))
     if height[1] - height[0] < MIN_HEIGHT:
         return None
-    length_of = {s.product.global_id: sum(b - a for a, b in spans) for s, spans in of_solid.items()}
+    length_of = {s.id: sum(b - a for a, b in spans) for s, spans in of_solid.items()}
     source = max(sorted(length_of), key=lambda s: length_of[s])
     (x, y), (nx, ny) = plane.point((low + high) / 2).tolist(), plane.normal.tolist()
     floor = next((r.room.floor for r in level.rooms if r.room.id == room), level.floor)
@@ -138,8 +138,8 @@ def _standing(pieces: list[Piece], plane: Edge, middle: float) -> Iterator[tuple
         spans = [united([_span(p, plane) for p in pieces if p.solid is solid and p.z == z], gap=BUTT) for z in cuts]
         whole = reduce(common, spans)
         partly = without(united([span for own in spans for span in own]), whole)
-        found += [(low, high, solid.product.global_id, True) for low, high in whole]
-        found += [(low, high, solid.product.global_id, False) for low, high in partly]
+        found += [(low, high, solid.id, True) for low, high in whole]
+        found += [(low, high, solid.id, False) for low, high in partly]
     for low, high, source, is_whole in sorted(found):
         yield source, low - middle, high - middle, is_whole
 
@@ -152,7 +152,7 @@ def _height(
     bottom, top = volume.bottom, volume.top
     z = []
     for solid in solids:
-        curtain = solid.product.ifc_class == "IfcCurtainWall"
+        curtain = solid.kind == "IfcCurtainWall"
         faces = solid.upright_faces
         relative = faces[:, :, :2] - plane.start
         offset, u = np.abs(relative @ plane.normal).max(axis=1), relative @ plane.along

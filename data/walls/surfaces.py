@@ -5,37 +5,24 @@ over a door in none. A side belongs to the room that one meets first when going 
 where that is an open area: outdoors, a yard, a hall without a room.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 import shapely
 
-from data.geometry.areas import Area, difference, opened, overlap
-from data.geometry.areas import united as united_areas
+from data.geometry.areas import Area, overlap
 from data.geometry.intervals import SLIVER, Intervals, common, united, without
-from data.ifc.edges import Edge, edges_of, straightened
-from data.ifc.faces import Piece, merged
-from data.ifc.rooms import Level
-from data.ifc.sections import Solid
 from data.scene_graph import WallSurface
+from data.walls.edges import Edge, edges_of, straightened
+from data.walls.pieces import Piece, merged
+from data.walls.rooms import Level
+from data.walls.solids import Solid
 
 CUTS = (0.513, 1.107, 1.703)  # m above the level; odd numbers meet no edge of a parapet or a lintel
 STEPS = (0.01, 0.03, 0.06, 0.1, 0.14, 0.18, 0.22, 0.26, 0.3)  # m before a wall: plaster, finishes
 DEPTH = 0.35  # m before a wall that is still in the room; an outline drawn around a thin wall ends earlier
 TOUCH = 0.001  # m
 SNAP = 0.1  # m: a room drawn short of a wall reaches to it
-PASSAGE = 0.3  # m: half the width of the narrowest place where one could be
-MIN_OPEN = 2.0  # m2: a smaller open area is a shaft
-AROUND = 2.0  # m around the building: the width of what is open there
-
-
-def open_area(walls: Area, rooms: Iterable[Area]) -> Area:
-    """Where one could be outside all rooms, around the building as well; `walls` may have their openings closed."""
-    taken = united_areas([walls, *rooms])
-    if taken.is_empty:
-        return taken
-    free = opened(difference(taken.envelope.buffer(AROUND, join_style="mitre"), taken), PASSAGE)
-    return shapely.MultiPolygon([p for p in shapely.get_parts(free) if p.area > MIN_OPEN])
 
 
 def surfaces_at(level: Level, solids: list[Solid]) -> list[WallSurface]:
@@ -58,7 +45,7 @@ def _pieces(level: Level, z: float, cut: list[tuple[Solid, Area]]) -> list[Piece
     faced = _faced([edge for _, edge in sides], [area for _, area in cut], areas)
     pieces = []
     for (solid, edge), claims in zip(sides, faced, strict=True):
-        stranger = level.own is not None and solid.product.global_id not in level.own
+        stranger = level.own is not None and solid.id not in level.own
         for k, spans in claims.items():
             if ids[k] is not None or not stranger:
                 pieces += [Piece(solid, ids[k], edge, low, high, z) for low, high in spans]
