@@ -50,8 +50,8 @@ def rooms_between(model: ifcopenshell.file, levels: list[Level], solids: list[So
     """The levels, those that have closed faces between their walls with these as rooms.
 
     `solids` are the walls and columns. Gaps up to GAP and openings with a door or window, or no wider than a doorway,
-    count as closed. Of the same face at levels too close to each other for two storeys (split levels), the one is kept where
-    its doors, else its walls, begin. Room ids are the storey's GlobalId and a number by position.
+    count as closed. Of the same face at levels too close to each other for two storeys (split levels), the one is kept
+    where its doors, else its walls, begin. Room ids are the storey's GlobalId and a number by position.
     """
     fillings = [f for f in map(_filling, (f for c in FILLINGS for f in model.by_type(c))) if f is not None]
     shut = [_shut_walls(level.bottom, solids, fillings) for level in levels]
