@@ -5,9 +5,8 @@ from itertools import repeat
 from pathlib import Path
 
 from data.bags import Bag
-from data.common.errors import UserError
+from data.common.errors import EndOfScansError, UnreadableScanError, UserError
 from data.scans.cloud_messages import CLOUDS, read_cloud
-from data.scans.reading_errors import EndOfScansError, UnreadableScanError
 from data.scans.scan import Scan, ScanSource, finished
 
 

@@ -25,8 +25,7 @@ import shapely
 
 from data.common.errors import UserError
 from data.geometry import se2
-from data.geometry.line_fit import fit_to_lines
-from data.geometry.se2 import Array
+from data.geometry.se2 import Array, fit_to_lines
 from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface, Xy
 from data.synthetic_maps.exploration import Index, Storey, Walk, storeys_of, walk
 from data.synthetic_maps.room_noise import MapRooms, mis_segmented, rooms_as_entered, some_doors_missed, true_rooms

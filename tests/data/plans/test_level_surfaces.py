@@ -15,7 +15,7 @@ from data.geometry.level_faces import level_faces
 from data.geometry.raycast import TriangleScene
 from data.ifc.graph import read_ifc
 from data.ifc.products import open_ifc, products
-from data.ifc.storeys import LEVELS
+from data.ifc.rooms import LEVELS
 
 Body = tuple[str, tuple[float, float, float, float], tuple[float, float]]  # class, lowest and highest x y, z
 FLOOR: Body = ("IfcSlab", (-0.3, -0.3, 6.3, 4.3), (-0.2, 0.0))
