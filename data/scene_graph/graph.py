@@ -121,11 +121,14 @@ class SceneGraph:
         walls = (w for w in self.wall_surfaces if (w.floor if w.room is None else floor_of[w.room]) == floor)
         levels = (v for v in self.level_surfaces if (v.floor if v.room is None else floor_of[v.room]) == floor)
         return SceneGraph(
-            self.frame, rooms, tuple(walls),
+            self.frame,
+            rooms,
+            tuple(walls),
             tuple(d for d in self.doors if kept.intersection(d.rooms)),
-            tuple(f for f in self.floors if f.id == floor), tuple(k for k in self.keyframes if k.floor == floor),
+            tuple(f for f in self.floors if f.id == floor),
+            tuple(k for k in self.keyframes if k.floor == floor),
             tuple(levels),
-        )  # fmt: skip
+        )
 
     def centroid(self) -> NDArray[np.float64]:
         """Returns (2,) the mean of the rooms' centroids in metres, or of the wall surfaces' if there are no rooms."""

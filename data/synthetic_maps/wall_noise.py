@@ -102,14 +102,18 @@ def _within(storey: Storey, found: ObservedWalls) -> ObservedWalls:
     """
     standing = np.zeros(len(found), dtype=bool)
     for _ in range(4):
-        inside = np.array([
-            storey.holds(int(k), np.array([c - a, c, c + a]))
-            for k, c, a in zip(found.room, found.centre, found.arm, strict=True)
-        ], dtype=bool)  # fmt: skip
+        inside = np.array(
+            [
+                storey.holds(int(k), np.array([c - a, c, c + a]))
+                for k, c, a in zip(found.room, found.centre, found.arm, strict=True)
+            ],
+            dtype=bool,
+        )
         standing |= inside
         pull = np.where(standing, 0.0, 0.3)
         found = replace(
-            found, centre=found.centre + pull[:, None] * (storey.middle[found.room] - found.centre),
+            found,
+            centre=found.centre + pull[:, None] * (storey.middle[found.room] - found.centre),
             half=np.where(standing, found.length, np.maximum(0.6 * found.length, SHORTEST)) / 2,
-        )  # fmt: skip
+        )
     return found.at(np.flatnonzero(standing))
