@@ -20,8 +20,42 @@ from data.scene_graph import SceneGraph
 
 Array = NDArray[np.float64]
 WALLS = tuple(  # words of walls and what closes them
-    "wall mauer wand wände waende muro muri mur murs cloison paret pared vegg vägg seinä ściana sciana partition "
-    "стен 墙 壁 window fenster fenêtre fenetre ventana finestra glaz curtain column stütze stuetze poteau pillar".split()
+    [
+        "wall",
+        "mauer",
+        "wand",
+        "wände",
+        "waende",
+        "muro",
+        "muri",
+        "mur",
+        "murs",
+        "cloison",
+        "paret",
+        "pared",
+        "vegg",
+        "vägg",
+        "seinä",
+        "ściana",
+        "sciana",
+        "partition",
+        "стен",
+        "墙",
+        "壁",
+        "window",
+        "fenster",
+        "fenêtre",
+        "fenetre",
+        "ventana",
+        "finestra",
+        "glaz",
+        "curtain",
+        "column",
+        "stütze",
+        "stuetze",
+        "poteau",
+        "pillar",
+    ]
 )
 NOT_WALLS = ("furn", "möbel", "dim", "text", "anno", "ceil", "decke", "iden", "tag", "grid")
 UNITS = {  # $INSUNITS -> metres
