@@ -19,44 +19,11 @@ from data.plans.wall_lines import DrawnWalls, even_odd, walls_of_lines
 from data.scene_graph import SceneGraph
 
 Array = NDArray[np.float64]
-WALLS = tuple(  # words of walls and what closes them
-    [
-        "wall",
-        "mauer",
-        "wand",
-        "wände",
-        "waende",
-        "muro",
-        "muri",
-        "mur",
-        "murs",
-        "cloison",
-        "paret",
-        "pared",
-        "vegg",
-        "vägg",
-        "seinä",
-        "ściana",
-        "sciana",
-        "partition",
-        "стен",
-        "墙",
-        "壁",
-        "window",
-        "fenster",
-        "fenêtre",
-        "fenetre",
-        "ventana",
-        "finestra",
-        "glaz",
-        "curtain",
-        "column",
-        "stütze",
-        "stuetze",
-        "poteau",
-        "pillar",
-    ]
-)
+WALLS = (
+    "wall", "mauer", "wand", "wände", "waende", "muro", "muri", "mur", "murs", "cloison", "paret", "pared", "vegg",
+    "vägg", "seinä", "ściana", "sciana", "partition", "стен", "墙", "壁", "window", "fenster", "fenêtre", "fenetre",
+    "ventana", "finestra", "glaz", "curtain", "column", "stütze", "stuetze", "poteau", "pillar",
+)  # fmt: skip
 NOT_WALLS = ("furn", "möbel", "dim", "text", "anno", "ceil", "decke", "iden", "tag", "grid")
 UNITS = {  # $INSUNITS -> metres
     1: 0.0254, 2: 0.3048, 4: 1e-3, 5: 1e-2, 6: 1.0, 10: 0.9144, 14: 0.1, 15: 10.0, 16: 100.0, 21: 0.30480061,
