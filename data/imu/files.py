@@ -75,13 +75,9 @@ def _read_bag(path: Path | str, topic: str | None) -> ImuSamples:
 
 def _chosen(bag: Bag, wanted: str | None) -> str:
     if not bag.counts:
-        why = "".join(f"; {damage}" for damage in [*bag.damages().values()][:1])
-        raise UserError(f"{bag.path}: contains no IMU samples (sensor_msgs/Imu){why}")
+        raise UserError(f"{bag.path}: contains no IMU samples (sensor_msgs/Imu){bag.damage}")
     if wanted is not None:
-        named = bag.named(wanted)
-        if named is None:
-            raise UserError(f"--imu-topic {wanted}: no such IMU in {bag.path}; there are: {bag.listed}")
-        return named
+        return bag.named(wanted, "--imu-topic", "IMU")
     if len(bag.counts) > 1:
         raise UserError(f"{bag.path}: several IMUs: {bag.listed}; choose one with --imu-topic NAME")
     return next(iter(bag.counts))
