@@ -13,7 +13,7 @@ time (`--effects` says otherwise).
 """
 
 import argparse
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -28,14 +28,14 @@ from data.simulation.run import IMU
 from data.simulation.sensor import SENSORS, sensor_named
 from data.simulation.simulate import simulate
 
-_CHANGED = {
-    "moved-walls": "walls that are moved",
-    "absent-walls": "walls that are absent",
-    "unplanned-walls": "walls that are missing in the plan",
-    "displaced-openings": "doors and windows that are displaced along their wall",
-    "filled-openings": "doors and windows that are walled up",
-    "displaced-columns": "columns that are displaced",
-    "absent-columns": "columns that are absent",
+_CHANGED = {  # options, the shares of `Changes` that they are, and what these are of
+    "moved-walls": ("moved", "walls that are moved"),
+    "absent-walls": ("absent", "walls that are absent"),
+    "unplanned-walls": ("unplanned", "walls that are missing in the plan"),
+    "displaced-openings": ("openings_displaced", "doors and windows that are displaced along their wall"),
+    "filled-openings": ("openings_filled", "doors and windows that are walled up"),
+    "displaced-columns": ("columns_displaced", "columns that are displaced"),
+    "absent-columns": ("columns_absent", "columns that are absent"),
 }
 
 
@@ -101,8 +101,8 @@ def _parser() -> argparse.ArgumentParser:
 def _add_changes(parser: argparse.ArgumentParser) -> None:
     """Adds the options by which the building differs from its plan."""
     add = parser.add_argument
-    for name, what in _CHANGED.items():
-        add(f"--{name}", type=float, default=0.0, metavar="SHARE", help=f"share of {what} (default 0)")
+    for name, (share, what) in _CHANGED.items():
+        add(f"--{name}", dest=share, type=float, default=0.0, metavar="SHARE", help=f"share of {what} (default 0)")
     add(
         "--moved-by", type=float, metavar="M", help="metres by which each wall is moved (default: 0.1 to 0.3 at random)"
     )
@@ -152,17 +152,7 @@ def main() -> int:
         sensor_named(args.sensor, args.azimuths),
         carrier,
         [name for names in args.effects for name in names],
-        Changes(
-            args.moved_walls,
-            args.absent_walls,
-            args.unplanned_walls,
-            args.moved_by,
-            args.displaced_openings,
-            args.filled_openings,
-            args.displaced_columns,
-            args.absent_columns,
-            args.displaced_by,
-        ),
+        Changes(**{field.name: getattr(args, field.name) for field in fields(Changes)}),
         mount_deg=args.mount,
         and_back=args.and_back,
         seconds=args.seconds,

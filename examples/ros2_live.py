@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.cli import run_command
-from data.common.errors import UserError
+from data.common.errors import UnreadableScanError, UserError
 from data.geometry.poses import poses_to_xyzquat
 from data.scans.cloud_messages import POINT_CLOUD, read_cloud
-from data.scans.reading_errors import UnreadableScanError
 from data.scans.scan import finished
 from sgslam.live.live_slam import Answer, LiveSlam
 

@@ -46,9 +46,18 @@ class Bag:
         """The topics with their numbers of messages, for a user."""
         return ", ".join(f"{name} ({count})" for name, count in sorted(self.counts.items()))
 
-    def named(self, topic: str) -> str | None:
-        """The topic of this name, with or without its leading slash; None if there is none."""
-        return next((name for name in self.counts if name.strip("/") == topic.strip("/")), None)
+    def named(self, topic: str, option: str, what: str) -> str:
+        """The topic of this name, with or without its leading slash. Raises UserError, naming the `option` that gave it
+        and `what` the bag lacks."""
+        found = next((name for name in self.counts if name.strip("/") == topic.strip("/")), None)
+        if found is None:
+            raise UserError(f"{option} {topic}: no such {what} in {self.path}; there are: {self.listed}")
+        return found
+
+    @property
+    def damage(self) -> str:
+        """What could not be read of its first damaged file, after a semicolon; empty if all could."""
+        return next((f"; {part.damage}" for part in self._parts if part.damage), "")
 
     def messages(self, topic: str) -> Iterator[Record]:
         """The topic's messages in the order of time, as far as they can be read."""

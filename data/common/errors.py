@@ -1,5 +1,17 @@
-"""The exception for a user's mistake: printed as one line, exit code 2."""
+"""The exception for a user's mistake, printed as one line with exit code 2, and those of readers of scans."""
 
 
 class UserError(Exception):
     """A mistake of the user: what is wrong, where, and what to do, in one line. Commands print it and exit with 2."""
+
+
+class UnreadableScanError(Exception):
+    """A scan that cannot be read; the text is the reason."""
+
+
+class EndOfScansError(Exception):
+    """There are no more scans."""
+
+
+class MissingReaderError(UserError):
+    """The library that reads the format is not installed."""

@@ -70,6 +70,13 @@ def text_lines(path: Path, wanted: str) -> list[str]:
         raise UserError(f"{path}: not text; give {wanted}") from None
 
 
+def numbered_lines(path: Path | str, wanted: str) -> list[tuple[int, str]]:
+    """Number and text of each line, without `#` comments and blank lines. Raises UserError as `text_lines` does."""
+    lines = enumerate(text_lines(Path(path), wanted), 1)
+    kept = ((number, line.partition("#")[0].strip()) for number, line in lines)
+    return [(number, text) for number, text in kept if text]
+
+
 def read_json(path: Path | str, wanted: str) -> Any:
     """Returns the file's value. Raises UserError if it cannot be read or is not JSON; `wanted` says what to give
     instead.

@@ -5,10 +5,10 @@ from pathlib import Path
 from data.common.errors import UserError
 from data.datasets.data_set import LISTS, DataSet, Listed, Recording
 from data.datasets.published import Conslam, Hilti2021
-from data.datasets.slabim import Slabim, SlabimSession
+from data.datasets.slabim import Slabim
 
 KNOWN: tuple[type[DataSet], ...] = (Listed, Slabim, Hilti2021, Conslam)  # in order of recognition
-__all__ = ["KNOWN", "DataSet", "Recording", "SlabimSession", "data_set_in"]
+__all__ = ["KNOWN", "DataSet", "Recording", "data_set_in"]
 
 
 def data_set_in(folder: Path, topic: str | None = None) -> DataSet:

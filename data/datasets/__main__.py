@@ -8,7 +8,7 @@ DATASET is the folder with BIM and sensor_data.
 from pathlib import Path
 
 from data.common.cli import Parser, run_command
-from data.datasets import SlabimSession
+from data.datasets import Slabim
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -19,7 +19,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("session", metavar="SESSION", help="name of the session, such as 3F_Region1")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the converted session")
     options = parser.parse_args(arguments)
-    SlabimSession.open(options.dataset, options.session).lay_out(options.out)
+    Slabim(options.dataset).lay_out(options.session, options.out)
     print(f"{options.out}: scans, a_graph.json, truth.tum, sequence.yaml")
     return 0
 

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from data.bags import is_bag
-from data.common.errors import UserError
+from data.common.errors import UnreadableScanError, UserError
 from data.scans.formats import READERS, read_points
-from data.scans.reading_errors import UnreadableScanError
 from data.scans.scan import ScanSource
 from data.scans.sources import open_scans
 from data.trajectory import Trajectory

@@ -166,8 +166,10 @@ def wing_cells(rng: Rng, wings: Wings) -> list[Cell]:
     cells, corridors = [], [box(0, -half, length, half)]
     if wings.ends:
         end = wings.module
-        cells += [Cell(box(-end, -half - lower, 0, half + upper), "office"),
-                  Cell(box(length, -half - lower, length + end, half + upper), "office")]  # fmt: skip
+        cells += [
+            Cell(box(-end, -half - lower, 0, half + upper), "office"),
+            Cell(box(length, -half - lower, length + end, half + upper), "office"),
+        ]
     for branch in wings.branches:
         parts, corridor = _branch(rng, wings, branch)
         cells += parts

@@ -65,9 +65,11 @@ def plan_triangles(graph: SceneGraph) -> Array:
     storey = drawn_storey(graph)
     outline, walls = storey.outline, storey.walls
     parts = [
-        extruded(outline, -SLAB, 0.0), extruded(walls.difference(storey.doorways), 0.0, LINTEL),
-        extruded(walls, LINTEL, HEIGHT), extruded(outline, HEIGHT, HEIGHT + SLAB),
-    ]  # fmt: skip
+        extruded(outline, -SLAB, 0.0),
+        extruded(walls.difference(storey.doorways), 0.0, LINTEL),
+        extruded(walls, LINTEL, HEIGHT),
+        extruded(outline, HEIGHT, HEIGHT + SLAB),
+    ]
     return np.concatenate(parts)
 
 

@@ -4,6 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+_STEPS = 6
+_HOLD = 1e-2  # how much the start counts, where the lines leave a direction open
 
 
 def wrap(angle: Array) -> Array:
@@ -43,3 +45,23 @@ def to_se3(T_a_b: Array, z: float = 0.0) -> Array:
 def inverse(T_a_b: Array) -> Array:
     """T_b_a."""
     return np.concatenate((-T_a_b[..., :1], rotate(-T_a_b[..., 0], -T_a_b[..., 1:])), axis=-1)
+
+
+def fit_to_lines(points: Array, foot: Array, normal: Array, start: Array) -> Array:
+    """(3,) T_out_in that brings the (N, 2) points nearest to lines through `foot` (N, 2) with unit `normal` (N, 2):
+    point-to-line least squares (Gauss-Newton).
+
+    `start` (3,) must be near (30 degrees) and decides what the lines leave open: few or parallel ones, or none.
+    """
+    T = np.asarray(start, dtype=float)
+    if not len(points):
+        return T
+    middle = points.mean(axis=0)  # the turn is about it, so that far coordinates do no harm
+    yaw, at = float(T[0]), apply(T, middle)
+    for _ in range(_STEPS):
+        arm = rotate(yaw, points - middle)
+        rows = np.column_stack((normal[:, 1] * arm[:, 0] - normal[:, 0] * arm[:, 1], normal))
+        off = np.einsum("ij,ij->i", foot - at - arm, normal)
+        step = np.linalg.solve(rows.T @ rows + _HOLD**2 * np.eye(3), rows.T @ off)
+        yaw, at = yaw + float(step[0]), at + step[1:]
+    return np.array([wrap(np.array(yaw)), *(at - rotate(yaw, middle))])

@@ -45,9 +45,7 @@ class Model:
     project: str = ""
 
 
-def write_bcf(
-    path: Path | str, topics: list[Topic], model: Model, created: datetime, version: Version = "2.1"
-) -> None:  # fmt: skip
+def write_bcf(path: Path | str, topics: list[Topic], model: Model, created: datetime, version: Version = "2.1") -> None:
     """Writes the topics atomically; `created` has a time zone. Topics without a product are drawn as lines."""
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:

@@ -21,9 +21,11 @@ Status = Literal["as planned", "moved", "absent", "not seen", "uncertain"]
 Rgb = tuple[float, float, float]
 PROPERTY_SET = "AsBuilt"
 COLORS: dict[str, tuple[Rgb, float]] = {  # and transparency; distinct to colour-blind eyes too
-    "as planned": ((0.75, 0.82, 0.75), 0.0), "moved": ((0.84, 0.37, 0.0), 0.0),
-    "absent": ((0.34, 0.71, 0.91), 0.6), "unplanned": ((0.8, 0.47, 0.65), 0.0),
-}  # fmt: skip
+    "as planned": ((0.75, 0.82, 0.75), 0.0),
+    "moved": ((0.84, 0.37, 0.0), 0.0),
+    "absent": ((0.34, 0.71, 0.91), 0.6),
+    "unplanned": ((0.8, 0.47, 0.65), 0.0),
+}
 _THICK = 0.02  # m, of the slab that shows the side of an unplanned wall
 
 
@@ -121,9 +123,11 @@ def _properties(model: ifcopenshell.file, finding: ElementFinding) -> dict[str, 
 def _measured(of: Measurement) -> dict[str, tuple[str, Any]]:
     loa = {} if of.loa is None else {"LevelOfAccuracy": ("IfcLabel", of.loa)}
     return {
-        **loa, "Conclusive": ("IfcBoolean", of.conclusive), "ShareSeen": ("IfcNormalisedRatioMeasure", of.seen),
+        **loa,
+        "Conclusive": ("IfcBoolean", of.conclusive),
+        "ShareSeen": ("IfcNormalisedRatioMeasure", of.seen),
         "Views": ("IfcInteger", of.views),
-    }  # fmt: skip
+    }
 
 
 def _describe(model: ifcopenshell.file, product: Entity, properties: dict[str, tuple[str, Any]]) -> None:

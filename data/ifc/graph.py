@@ -12,8 +12,7 @@ from data.geometry.areas import Area, united
 from data.ifc.doors import doors_of
 from data.ifc.enclosed_rooms import rooms_between
 from data.ifc.products import open_ifc, solids
-from data.ifc.rooms import rooms_of
-from data.ifc.storeys import floor_of, floors_of, planned_levels
+from data.ifc.rooms import floor_of, floors_of, planned_levels, rooms_of
 from data.scene_graph import Floor, SceneGraph, WallSurface
 from data.walls.levels import level_surfaces
 from data.walls.rooms import Level, RoomVolume, open_area

@@ -134,9 +134,10 @@ class IfcWriter:
             root.GlobalId = ifcopenshell.guid.compress(own.hex)
         # ifcopenshell keeps these in sets, whose order changes from call to call
         for ifc_class, name in (
-            ("IfcUnitAssignment", "Units"), ("IfcRelContainedInSpatialStructure", "RelatedElements"),
+            ("IfcUnitAssignment", "Units"),
+            ("IfcRelContainedInSpatialStructure", "RelatedElements"),
             ("IfcRelAggregates", "RelatedObjects"),
-        ):  # fmt: skip
+        ):
             for entity in self.model.by_type(ifc_class):
                 setattr(entity, name, sorted(getattr(entity, name), key=lambda member: member.id()))
         self.model.header.file_name.name = f"{self._name}.ifc"  # not the path: it shall not change the bytes

@@ -11,7 +11,7 @@ import numpy as np
 
 from data.bags import Bag, decoded, is_bag
 from data.common.errors import UserError
-from data.common.files import write_atomically
+from data.common.files import numbered_lines, write_atomically
 from data.imu.samples import ImuSamples, checked_imu
 from data.trajectory.stamps import NS
 
@@ -36,15 +36,10 @@ def read_imu(path: Path | str, topic: str | None = None) -> ImuSamples:
         return _read_bag(path, topic)
     if topic is not None:
         raise UserError(f"--imu-topic {topic}: {path} is not a bag and has no topics")
-    try:
-        lines = Path(path).read_text().splitlines()
-    except (OSError, UnicodeDecodeError):
-        raise UserError(f"{path}: cannot be read; give a bag, or lines of {_FORM}") from None
-    stamps: list[int] = []
-    rows: list[list[float]] = []
-    for number, line in enumerate(lines, 1):
-        fields = line.partition("#")[0].split(",")
-        if fields == [""] or fields[0].strip() == "timestamp":
+    stamps, rows = list[int](), list[list[float]]()
+    for number, text in numbered_lines(path, f"a bag, or lines of {_FORM}"):
+        fields = text.split(",")
+        if fields[0].strip() == "timestamp":
             continue
         try:
             stamp, values = int(fields[0]), [float(field) for field in fields[1:]]
@@ -80,13 +75,9 @@ def _read_bag(path: Path | str, topic: str | None) -> ImuSamples:
 
 def _chosen(bag: Bag, wanted: str | None) -> str:
     if not bag.counts:
-        why = "".join(f"; {damage}" for damage in [*bag.damages().values()][:1])
-        raise UserError(f"{bag.path}: contains no IMU samples (sensor_msgs/Imu){why}")
+        raise UserError(f"{bag.path}: contains no IMU samples (sensor_msgs/Imu){bag.damage}")
     if wanted is not None:
-        named = bag.named(wanted)
-        if named is None:
-            raise UserError(f"--imu-topic {wanted}: no such IMU in {bag.path}; there are: {bag.listed}")
-        return named
+        return bag.named(wanted, "--imu-topic", "IMU")
     if len(bag.counts) > 1:
         raise UserError(f"{bag.path}: several IMUs: {bag.listed}; choose one with --imu-topic NAME")
     return next(iter(bag.counts))

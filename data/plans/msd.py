@@ -9,10 +9,10 @@ import csv
 import logging
 from array import array
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO, Literal
+from typing import BinaryIO
 
 import numpy as np
 import shapely
@@ -23,7 +23,6 @@ from data.plans.polygons import Drawing, DrawnRoom, Plan, scene_graph_of
 from data.plans.polygons_json import MIN_AREA, is_room
 from data.scene_graph import Floor
 
-By = Literal["apartment", "floor"]
 GEOMETRY = ("geom", "geometry")
 BUILDING = ("site_id", "building_id", "plan_id", "floor_id")  # a site's buildings are often alike: they stay together
 NO_AREA = ("structure", "door", "entrance door", "window", "wall", "railing", "column")
@@ -41,28 +40,20 @@ class Index:
     skipped: Counter[str] = field(default_factory=Counter)
 
 
-def read_msd(
-    path: Path,
-    by: By = "apartment",
-    *,
-    merge_collinear: bool = True,
-    outside: bool = False,
-    on_skip: Callable[[str], None] = _log.warning,
-) -> Iterator[Plan]:
-    """The table's plans in the order in which they first appear; the rows of a plan may lie anywhere in it.
+def read_msd(path: Path, merge_collinear: bool = True) -> Iterator[Plan]:
+    """The table's apartments in the order in which they first appear; the rows of a plan may lie anywhere in it.
 
     The file is scanned once for where each row begins, then each plan's rows are read when needed: this takes a few
-    bytes of memory per row. `by="floor"` gives whole floors with what lies outside apartments (stairs).
-    An apartment on several floors has several floors in its graph; ids of floors are the table's. With `outside`
-    balconies are rooms. `merge_collinear`: see `scene_graph_of`; without it shafts and small rooms stay, as in the
-    published matcher's data.
+    bytes of memory per row. An apartment on several floors has several floors in its graph; ids of floors are
+    the table's. `merge_collinear`: see `scene_graph_of`; without it shafts, small rooms and balconies are rooms, as in
+    the published matcher's data.
 
-    Rows without a usable polygon and plans without rooms are left out and counted, reported by `on_skip` in one line
-    each kind. Raises UserError for a file that is not such a table.
+    Rows without a usable polygon and plans without rooms are left out and counted in the log. Raises UserError for a
+    file that is not such a table.
     """
     with path.open("rb") as file:
-        index = _index(file, path, by)
-        keep_small, without_rooms = not merge_collinear, 0
+        index = _index(file, path)
+        everything, without_rooms = not merge_collinear, 0
         fixed_of: list[str] = []
         fixed: list[dict[str, str]] = []
         for key, starts in index.plans.items():
@@ -71,20 +62,20 @@ def read_msd(
             if floors != fixed_of:  # neighbours in the table share their floor
                 fixed = [_row(file, s, index.header) for f in floors for s in index.fixed.get(f, ())]
                 fixed_of = floors
-            drawing = _drawing(rows, fixed, outside, keep_small, index.skipped)
+            drawing = _drawing(rows, fixed, everything, index.skipped)
             graph = scene_graph_of(drawing, merge_collinear)
             if not graph.wall_surfaces:
                 without_rooms += 1
                 continue
             building = next((f"{c[:-3]} {_id(rows[0][c])}" for c in BUILDING if rows[0].get(c)), key)
-            yield Plan(f"{by} {key}", building, graph)
+            yield Plan(f"apartment {key}", building, graph)
     if without_rooms:
-        on_skip(f"{path}: skipped {without_rooms} of {len(index.plans)} plans: no room with walls")
+        _log.warning(f"{path}: skipped {without_rooms} of {len(index.plans)} plans: no room with walls")
     for reason, count in index.skipped.items():
-        on_skip(f"{path}: skipped {count} rows: {reason}")
+        _log.warning(f"{path}: skipped {count} rows: {reason}")
 
 
-def _index(file: BinaryIO, path: Path, by: By) -> Index:
+def _index(file: BinaryIO, path: Path) -> Index:
     """One pass over the table."""
     csv.field_size_limit(LARGEST_FIELD)
     starts = _Starts(file)
@@ -96,7 +87,7 @@ def _index(file: BinaryIO, path: Path, by: By) -> Index:
         if lacking or not any(c in column for c in GEOMETRY):
             raise UserError(f"{path}: not Modified Swiss Dwellings: no column {', '.join(lacking) or GEOMETRY[0]}")
         index = Index(header)
-        key = column["apartment_id" if by == "apartment" else "floor_id"]
+        key = column["apartment_id"]
         start = starts.next_row()
         for row in reader:
             here, start = start, starts.next_row()
@@ -143,19 +134,21 @@ def _id(value: str) -> str:
 
 
 def _drawing(
-    rows: list[dict[str, str]], fixed: list[dict[str, str]], outside: bool, keep_small: bool, skipped: Counter[str]
+    rows: list[dict[str, str]], fixed: list[dict[str, str]], everything: bool, skipped: Counter[str]
 ) -> Drawing:
     rooms: list[DrawnRoom] = []
     floors: dict[str, Floor] = {}
     for k, row in enumerate(rows):
         kind, floor = row["roomtype"].strip(), _id(row["floor_id"])
         known = [row.get("entity_subtype", ""), kind]
-        if row.get("entity_type", "area") not in ("area", "") or not all(is_room(word, outside) for word in known):
+        if row.get("entity_type", "area") not in ("area", "") or not all(
+            is_room(word, outside=everything) for word in known
+        ):
             continue
         low, tall = _number(row.get("elevation")), _number(row.get("height"))
         height = (low, low + tall) if low is not None and tall else None
         for n, part in enumerate(_polygons(row, skipped)):
-            if keep_small or part.area >= MIN_AREA:
+            if everything or part.area >= MIN_AREA:
                 rooms.append(DrawnRoom(f"room{k}" + (f".{n}" if n else ""), part, kind, floor, height))
                 floors.setdefault(floor, Floor(floor, f"Floor {floor}", low))
     doors, walls = [], []

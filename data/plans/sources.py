@@ -4,9 +4,8 @@ import hashlib
 import json
 import logging
 import tarfile
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
@@ -17,8 +16,6 @@ from data.plans.msd import read_msd
 from data.plans.polygons import Plan
 from data.plans.polygons_json import Buildings, read_json_plan
 
-__all__ = ["Plan", "read_msd", "read_plans"]
-
 _log = logging.getLogger(__name__)
 MAX_MEMBER = 50_000_000  # bytes: no plan is larger
 Split = Literal["train", "validation", "test"]
@@ -26,41 +23,31 @@ Split = Literal["train", "validation", "test"]
 SHARES: Mapping[Split, float] = MappingProxyType({"train": 0.7, "validation": 0.15, "test": 0.15})
 
 
-def read_plans(
-    path: Path | str,
-    limit: int | None = None,
-    *,
-    merge_collinear: bool = True,
-    on_skip: Callable[[str], None] = _log.warning,
-) -> Iterator[Plan]:
-    """Reads plans one by one, in the order of their names (a table's in its own order), at most `limit` of them.
+def read_plans(path: Path | str, merge_collinear: bool = True) -> Iterator[Plan]:
+    """Reads plans one by one, in the order of their names (a table's in its own order).
 
     `path` is a folder of plan JSON files or one of them (see `plans_json`), a `.tar.gz` of such files, Modified
-    Swiss Dwellings' `.csv` (its apartments; `plans_msd.read_msd` gives whole floors too), an `.ifc` or `.ifczip`,
+    Swiss Dwellings' `.csv` (its apartments), an `.ifc` or `.ifczip`,
     or an A-graph as `.json`. Of many plans those that cannot be used are left out, each with one
-    line to `on_skip`; a single one raises. `merge_collinear=False`: see `scene_graph_of`.
+    line in the log; a single one raises. `merge_collinear=False`: see `scene_graph_of`.
 
     Raises UserError where the path is none of these or where none of the plans can be used.
     """
     path = Path(path)
-    return islice(_plans(path, merge_collinear, on_skip), limit)
-
-
-def _plans(path: Path, merge_collinear: bool, on_skip: Callable[[str], None]) -> Iterator[Plan]:
     name = path.name.lower()
     if path.is_dir():
         files = sorted(p for p in path.iterdir() if p.suffix.lower() == ".json")
         if not files:
             raise UserError(f"{path}: no plans (.json) in this folder")
-        yield from _usable(((str(f), f.read_bytes()) for f in files), path, merge_collinear, on_skip)
+        yield from _usable(((str(f), f.read_bytes()) for f in files), path, merge_collinear)
     elif not path.is_file():
         raise UserError(f"{path}: no such file or folder; give plans (.json, .csv, .tar.gz, .ifc) or a folder of them")
     elif name.endswith((".tar.gz", ".tgz", ".tar")):
-        yield from _usable(_members(path), path, merge_collinear, on_skip)
+        yield from _usable(_members(path), path, merge_collinear)
     elif name.endswith(IFC_SUFFIXES):
         yield Plan(path.stem, path.stem, load_bim(path).graph)
     elif name.endswith(".csv"):
-        yield from read_msd(path, merge_collinear=merge_collinear, outside=not merge_collinear, on_skip=on_skip)
+        yield from read_msd(path, merge_collinear)
     elif name.endswith(".json"):
         yield _one(path, merge_collinear)
     else:
@@ -78,16 +65,14 @@ def _one(path: Path, merge_collinear: bool) -> Plan:
     return read_json_plan(raw, str(path), merge_collinear)
 
 
-def _usable(
-    texts: Iterable[tuple[str, bytes]], path: Path, merge_collinear: bool, on_skip: Callable[[str], None]
-) -> Iterator[Plan]:
+def _usable(texts: Iterable[tuple[str, bytes]], path: Path, merge_collinear: bool) -> Iterator[Plan]:
     buildings, skipped, used = Buildings(), 0, 0
     for where, text in texts:
         try:
             plan = read_json_plan(text, where, merge_collinear)
         except UserError as error:
             skipped += 1
-            on_skip(f"skipped {error}")
+            _log.warning(f"skipped {error}")
             continue
         used += 1
         yield replace(plan, building=buildings.of(plan))
@@ -108,9 +93,9 @@ def _members(path: Path) -> Iterator[tuple[str, bytes]]:
         raise UserError(f"{path}: not a readable tar archive ({error})") from None
 
 
-def split_of(building: str, seed: int = 0) -> Split:
+def split_of(building: str) -> Split:
     """The split of all plans of a building, by a hash of its name: the same on every machine."""
-    digest = hashlib.sha256(f"{seed}:{building}".encode()).digest()
+    digest = hashlib.sha256(f"0:{building}".encode()).digest()
     at = int.from_bytes(digest[:8], "big") / 2**64
     for split, share in SHARES.items():
         if at < share:

@@ -5,9 +5,8 @@ from itertools import repeat
 from pathlib import Path
 
 from data.bags import Bag
-from data.common.errors import UserError
+from data.common.errors import EndOfScansError, UnreadableScanError, UserError
 from data.scans.cloud_messages import CLOUDS, read_cloud
-from data.scans.reading_errors import EndOfScansError, UnreadableScanError
 from data.scans.scan import Scan, ScanSource, finished
 
 
@@ -24,11 +23,8 @@ class BagScans(ScanSource):
         self._bag = Bag(path, CLOUDS)
         self.path, counts = self._bag.path, self._bag.counts
         if not counts:
-            why = "".join(f"; {damage}" for damage in [*self._bag.damages().values()][:1])
-            repair = ", repaired by 'rosbag reindex' or 'mcap recover'" if why else ""
-            raise UserError(
-                f"{self.path}: no scans (PointCloud2 or Livox CustomMsg){why}; give a bag with scans{repair}"
-            )
+            give = "repair it ('rosbag reindex', 'mcap recover')" if self._bag.damage else "give a bag with scans"
+            raise UserError(f"{self.path}: no scans (PointCloud2 or Livox CustomMsg){self._bag.damage}; {give}")
         self.topic = self._choose(topic)
         self._count = counts[self.topic]
         self._unset_logged, self._told = False, set[Path]()
@@ -40,10 +36,7 @@ class BagScans(ScanSource):
     def _choose(self, wanted: str | None) -> str:
         bag = self._bag
         if wanted is not None:
-            named = bag.named(wanted)
-            if named is None:
-                raise UserError(f"--topic {wanted}: no such topic with scans in {self.path}; there are: {bag.listed}")
-            return named
+            return bag.named(wanted, "--topic", "topic with scans")
         lidars = list(bag.counts) if len(bag.counts) == 1 else [name for name in bag.counts if self._is_lidar(name)]
         if len(lidars) != 1:
             raise UserError(f"{self.path}: several topics hold points: {bag.listed}; choose one with --topic NAME")

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.bags import decoded, reason
+from data.common.errors import UnreadableScanError
 from data.scans.formats import XYZ
 from data.scans.point_times import time_field
-from data.scans.reading_errors import UnreadableScanError
 from data.trajectory.stamps import NS
 
 POINT_CLOUD = "sensor_msgs/msg/PointCloud2"

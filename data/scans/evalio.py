@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from data.common.errors import UserError
-from data.scans.reading_errors import EndOfScansError, UnreadableScanError
+from data.common.errors import EndOfScansError, UnreadableScanError, UserError
 from data.scans.scan import Scan, ScanSource
 
 PREFIX = "evalio:"

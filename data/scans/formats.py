@@ -16,8 +16,8 @@ import lzf
 import numpy as np
 from numpy.typing import NDArray
 
+from data.common.errors import MissingReaderError, UnreadableScanError
 from data.scans.point_times import time_field
-from data.scans.reading_errors import MissingReaderError, UnreadableScanError
 
 Points = NDArray[np.floating]
 Times = NDArray[Any] | None  # in whatever unit, from whatever origin: data.scans.point_times

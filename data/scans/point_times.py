@@ -65,8 +65,11 @@ def seconds_after(values: NDArray[Any], stamp_ns: int, stamped: Stamped = "start
     if abs(begin) <= _LONGEST:
         return span_of * unit + begin - (BEFORE_STAMP[stamped] * (length * unit + begin) if begin >= 0 else 0.0)
     if begin > _SINCE_1973 and abs(begin - stamp_ns * 1e-9) <= _LONGEST:
-        shift = (int(first) * round(unit * 1e9) - stamp_ns) * 1e-9 if values.dtype.kind != "f" else (
-            float(first) * (unit * 1e9) - stamp_ns) * 1e-9  # fmt: skip
+        shift = (
+            (int(first) * round(unit * 1e9) - stamp_ns) * 1e-9
+            if values.dtype.kind != "f"
+            else (float(first) * (unit * 1e9) - stamp_ns) * 1e-9
+        )
         return span_of * unit + shift
     return (span_of - BEFORE_STAMP[stamped] * length) * unit
 

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from data.common.errors import UserError
+from data.common.errors import EndOfScansError, UnreadableScanError, UserError
 from data.scans.point_times import Stamped, TurnTimes, seconds_after
-from data.scans.reading_errors import EndOfScansError, UnreadableScanError
 from data.scans.stamp_rule import LOOK_AHEAD, StampRule
 from data.trajectory import Trajectory
 

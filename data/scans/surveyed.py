@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from data.common.errors import UserError
+from data.common.errors import MissingReaderError, UnreadableScanError, UserError
 from data.geometry.poses import xyzquat_to_poses
 from data.scans.point_times import time_field
-from data.scans.reading_errors import MissingReaderError, UnreadableScanError
 from data.scans.scan import Scan, ScanSource, finished
 from data.trajectory.stamps import NOTE_INDICES, NS, SCAN_PERIOD_NS
 

@@ -44,15 +44,21 @@ def _write_ply(path: Path, points: Points, times: Times = None) -> None:
 
 
 SCAN_WRITERS: dict[str, Callable[[Path, Points, Times], None]] = {
-    "bin": _write_bin, "pcd": _write_pcd, "ply": _write_ply, "npy": _write_npy,
-}  # fmt: skip
+    "bin": _write_bin,
+    "pcd": _write_pcd,
+    "ply": _write_ply,
+    "npy": _write_npy,
+}
 WITH_TIMES = ("pcd", "ply")  # formats that hold the points' times
 
 
 def write_ply(
-    path: Path, points: NDArray[np.floating], comment: str = "", rgb: NDArray[np.uint8] | None = None,
+    path: Path,
+    points: NDArray[np.floating],
+    comment: str = "",
+    rgb: NDArray[np.uint8] | None = None,
     scalars: Mapping[str, NDArray[np.floating]] | None = None,
-) -> None:  # fmt: skip
+) -> None:
     """Writes points (N, 3) atomically; as `float`, far from zero (a site in national coordinates) as `double`.
 
     `rgb` (N, 3) are their colours, `scalars` (N,) further properties by name.

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,6 @@ from data.common.errors import UserError
 from data.common.files import read_json, write_json
 from data.scene_graph.nodes import Door, Floor, Keyframe, LevelSurface, Room, WallSurface
 
-Surface = TypeVar("Surface", WallSurface, LevelSurface)
 SCHEMA_VERSION = 1
 STEEPEST = 0.9  # upright part of a level surface's normal, at least
 _LONGEST_MEDIAN = 50.0  # m; drawn and real graphs have 1 to 10, in centimetres 80 and more
@@ -94,16 +93,8 @@ class SceneGraph:
     @cached_property
     def surfaces_of_room(self) -> dict[str, tuple[WallSurface, ...]]:
         """The wall surfaces facing each room, by room id, in the graph's order."""
-        return self._by_room(self.wall_surfaces)
-
-    @cached_property
-    def levels_of_room(self) -> dict[str, tuple[LevelSurface, ...]]:
-        """The level surfaces of each room, by room id, in the graph's order."""
-        return self._by_room(self.level_surfaces)
-
-    def _by_room(self, surfaces: tuple[Surface, ...]) -> dict[str, tuple[Surface, ...]]:
-        found: dict[str, list[Surface]] = {r.id: [] for r in self.rooms}
-        for surface in surfaces:
+        found: dict[str, list[WallSurface]] = {r.id: [] for r in self.rooms}
+        for surface in self.wall_surfaces:
             if surface.room is not None:
                 found[surface.room].append(surface)
         return {room: tuple(own) for room, own in found.items()}
@@ -121,11 +112,14 @@ class SceneGraph:
         walls = (w for w in self.wall_surfaces if (w.floor if w.room is None else floor_of[w.room]) == floor)
         levels = (v for v in self.level_surfaces if (v.floor if v.room is None else floor_of[v.room]) == floor)
         return SceneGraph(
-            self.frame, rooms, tuple(walls),
+            self.frame,
+            rooms,
+            tuple(walls),
             tuple(d for d in self.doors if kept.intersection(d.rooms)),
-            tuple(f for f in self.floors if f.id == floor), tuple(k for k in self.keyframes if k.floor == floor),
+            tuple(f for f in self.floors if f.id == floor),
+            tuple(k for k in self.keyframes if k.floor == floor),
             tuple(levels),
-        )  # fmt: skip
+        )
 
     def centroid(self) -> NDArray[np.float64]:
         """Returns (2,) the mean of the rooms' centroids in metres, or of the wall surfaces' if there are no rooms."""

@@ -44,7 +44,7 @@ def mirrored(graph: SceneGraph) -> SceneGraph:
     walls = tuple(
         replace(w, parts=tuple((source, -b, -a, full) for source, a, b, full in reversed(w.parts)))
         for w in image.wall_surfaces
-    )  # fmt: skip
+    )
     keyframes = tuple(replace(k, pose=_flipped_pose(*k.pose)) for k in graph.keyframes)
     frame = graph.frame.removesuffix(MIRRORED) if graph.frame.endswith(MIRRORED) else graph.frame + MIRRORED
     return replace(image, frame=frame, rooms=rooms, wall_surfaces=walls, keyframes=keyframes)

@@ -40,10 +40,8 @@ IMUS = {
     "mid360": ImuModel(4.5 * _MDPS, 1.9e-5, 500 * _MDPS, 100 * _UG, 3e-4, 12_500 * _UG),
     # STIM300 (its data sheet): 0.15 deg and 0.07 m/s a root of an hour, repeated within 4 deg/h and 0.75 mg; stable to
     # 0.5 deg/h and 0.05 mg, here taken for walks of a hundred seconds.
-    "tactical": ImuModel(
-        np.radians(0.15) / 60, 0.05 * _DEG_H, 4 * _DEG_H, 0.07 / 60, 5 * _UG, 750 * _UG
-    ),
-}  # fmt: skip
+    "tactical": ImuModel(np.radians(0.15) / 60, 0.05 * _DEG_H, 4 * _DEG_H, 0.07 / 60, 5 * _UG, 750 * _UG),
+}
 
 
 def imu_named(name: str) -> ImuModel:

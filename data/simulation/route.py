@@ -19,6 +19,7 @@ TRIES = 100  # goals in a row without a leg before the search ends
 WHIM = 20  # cells: over this distance the robot's taste for a way changes
 MARGIN = CELL  # m: more than the grid's error, half a cell's diagonal
 
+Array = NDArray[np.float64]
 Curve = NDArray[np.float64]  # (N, 2) x y in the BIM frame, SPACING apart
 Cell = tuple[int, int]
 
@@ -113,8 +114,8 @@ class Planner:
 
     def _smooth(self, way: Curve) -> Curve:
         """Gaussian smoothing along the path with fixed ends; narrower where it would come too close to obstacles."""
-        way = _resample(way)
-        curves = np.stack([_gaussian(way, width) for width in WIDTHS])
+        way = resampled(way)
+        curves = np.stack([smoothed(way, width) for width in WIDTHS])
         narrower = np.zeros(len(way))  # index into WIDTHS at each point
         for _ in range(3 * len(WIDTHS)):
             index = np.clip(ndimage.gaussian_filter1d(narrower, 0.2 / SPACING), 0, len(WIDTHS) - 1)
@@ -123,19 +124,21 @@ class Planner:
             curve = (1 - part) * curves[below, at] + part * curves[below + 1, at]
             tight = self.grid.clearance_at(curve) < self.need
             if not tight.any():
-                return _resample(curve)
+                return resampled(curve)
             narrower = ndimage.maximum_filter1d(narrower + tight, round(1.0 / SPACING))
         return way
 
 
-def _gaussian(way: Curve, width: float) -> Curve:
+def smoothed(way: Array, width: float) -> Array:
+    """Values (N,) or points (N, K), smoothed along the way by a Gaussian (m), the ends held."""
     reach = min(int(4 * width / SPACING), len(way) - 1)
-    padded = np.pad(way, ((reach, reach), (0, 0)), mode="reflect", reflect_type="odd")
+    padded = np.pad(way, [(reach, reach), *[(0, 0)] * (way.ndim - 1)], mode="reflect", reflect_type="odd")
     smooth = ndimage.gaussian_filter1d(padded, width / SPACING, axis=0, radius=reach)
     return np.asarray(smooth[reach : len(padded) - reach])
 
 
-def _resample(curve: Curve) -> Curve:
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
+def resampled(curve: Array) -> Array:
+    """Points (N, 2 or 3) as others that are SPACING apart in plan."""
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve[:, :2], axis=0), axis=1))])
     at = np.linspace(0.0, along[-1], max(2, round(along[-1] / SPACING) + 1))
-    return np.stack([np.interp(at, along, curve[:, k]) for k in range(2)], axis=1)
+    return np.stack([np.interp(at, along, column) for column in curve.T], axis=1)

@@ -4,13 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from data.common.errors import UserError
 from data.geometry.raycast import TriangleScene
-from data.simulation.route import SPACING, Planner
+from data.simulation.route import Planner, resampled, smoothed
 from data.simulation.storey_model import StoreyModel, Triangles
 
 CELL = 0.1  # m
@@ -182,15 +181,5 @@ def _steps(ground: _Ground) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 def _smooth(way: Way) -> Way:
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way[:, :2], axis=0), axis=1))])
-    at = np.linspace(0.0, along[-1], max(2, round(along[-1] / SPACING) + 1))
-    fine = np.stack([np.interp(at, along, way[:, k]) for k in range(3)], axis=1)
-    return np.stack([_gaussian(fine[:, k], width) for k, width in enumerate((SMOOTH_XY, SMOOTH_XY, SMOOTH_Z))], axis=1)
-
-
-def _gaussian(values: NDArray[np.float64], width: float) -> NDArray[np.float64]:
-    """Smoothed along the way, its ends held."""
-    reach = min(int(4 * width / SPACING), len(values) - 1)
-    padded = np.pad(values, reach, mode="reflect", reflect_type="odd")
-    smooth = gaussian_filter1d(padded, width / SPACING, radius=reach)
-    return np.asarray(smooth[reach : len(padded) - reach])
+    widths = (SMOOTH_XY, SMOOTH_XY, SMOOTH_Z)
+    return np.stack([smoothed(column, width) for column, width in zip(resampled(way).T, widths, strict=True)], axis=1)

@@ -25,9 +25,11 @@ _FIELDS = {  # tag -> (ids, numbers that are read); what follows them on a line 
 }  # fmt: skip
 _POSE, _PLANE, _ROOM = "VERTEX_SE3:QUAT", "VERTEX_PLANE", "VERTEX_ROOM"
 _JOINS = {
-    "EDGE_SE3:QUAT": (_POSE, _POSE), "EDGE_SE3_PLANE": (_POSE, _PLANE), "EDGE_2PLANES": (_PLANE, _PLANE),
+    "EDGE_SE3:QUAT": (_POSE, _POSE),
+    "EDGE_SE3_PLANE": (_POSE, _PLANE),
+    "EDGE_2PLANES": (_PLANE, _PLANE),
     "EDGE_ROOM_4PLANES": (_ROOM, _PLANE, _PLANE, _PLANE, _PLANE),
-}  # fmt: skip
+}
 _UNIT = 1e-3  # by which a unit vector may be off: files are written with six digits
 Floats = NDArray[np.float64]
 _ORDER = [3, 4, 5, 0, 1, 2]  # rotation first
@@ -81,9 +83,11 @@ class PlaneGraph:
         """
         rooms = {n: centre for n, centre in self.rooms.items() if n in self.walls}
         surfaces = [
-            surface for n, centre in rooms.items() for plane in self.walls[n]
+            surface
+            for n, centre in rooms.items()
+            for plane in self.walls[n]
             if (surface := self._surface(n, centre[:2], plane)) is not None
-        ]  # fmt: skip
+        ]
         return SceneGraph("map", tuple(Room(f"r{n}", _xy(c)) for n, c in rooms.items()), tuple(surfaces))
 
     def _surface(self, room: int, centre: Floats, plane: int) -> WallSurface | None:

@@ -11,10 +11,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from data.common.errors import UserError
+from data.common.errors import UnreadableScanError, UserError
 from data.scans.formats import READERS, read_points
 from data.scans.point_times import Stamped
-from data.scans.reading_errors import UnreadableScanError
 from data.scans.scan import ScanSource
 from data.scans.sources import open_scans
 from data.slam_output.g2o import read_graph_poses

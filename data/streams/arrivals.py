@@ -1,14 +1,19 @@
-"""What all sources of scans that are still coming have in common."""
+"""Sources of scans that are still coming: what they have in common, and an MCAP file that comes through a pipe."""
 
 import threading
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import BinaryIO
 
+from data.bags import Record, mcap_records, reason
+from data.common.errors import UnreadableScanError, UserError
 from data.scans import Scan
+from data.scans.cloud_messages import CLOUDS, read_cloud
 from data.scans.point_times import Stamped, TurnTimes
-from data.scans.scan import SkippedScan
+from data.scans.scan import SkippedScan, finished
 from data.scans.stamp_rule import GAP_NS, StampRule
 
 
@@ -76,3 +81,54 @@ def _with_next_after_pause(arrivals: Iterable[Arrival]) -> Iterator[tuple[Arriva
         yield arrival, []
     if held is not None:
         yield held, []
+
+
+class McapPipe(ScanStream):
+    """The scans of one topic: of `topic`, else of the first one whose points are a LiDAR's by their fields.
+
+    A writer that collects records in chunks delays the scans by as much.
+    """
+
+    def __init__(self, file: BinaryIO, topic: str | None = None, name: str = "standard input") -> None:
+        super().__init__(Path(name))
+        self._file, self._topic, self._damage = file, topic, ""
+
+    def _arrivals(self) -> Iterator[Arrival]:
+        """Raises UserError if the pipe ends without a scan."""
+        count, others = 0, set[str]()
+        for record in self._records():
+            came_s = time.perf_counter()
+            if self.stop.is_set():
+                return
+            is_meant = _is_lidar(record) if self._topic is None else record.topic == self._topic
+            if record.msgtype not in CLOUDS or not is_meant:
+                others.add(record.topic)
+                continue
+            self._topic, count = record.topic, count + 1
+            try:
+                cloud = read_cloud(record.data, record.msgtype, record.is_cdr)
+                stamp_ns = cloud.stamp_ns or record.log_ns
+                scan = finished(count - 1, stamp_ns, cloud.points, cloud.times, self.path, stamped=self.stamped)
+            except UnreadableScanError as error:
+                self._skip(count - 1, self.path, str(error))
+                continue
+            yield Arrival(scan, came_s)
+        if self._damage:
+            self.remarks.append(f"{self.path}: {self._damage}")
+        if not count:
+            held = f"; it holds {', '.join(sorted(others))}" if others else ""
+            why = f" ({self._damage})" if self._damage else ""
+            raise UserError(f"{self.path}: no scans arrived{why}{held}; give MCAP records of point clouds")
+
+    def _records(self) -> Iterator[Record]:
+        try:
+            yield from mcap_records(self._file)
+        except Exception as error:  # mcap raises many kinds on garbage
+            self._damage = f"it was cut off or is damaged ({reason(error)})"
+
+
+def _is_lidar(record: Record) -> bool:
+    try:
+        return read_cloud(record.data, record.msgtype, record.is_cdr).is_lidar
+    except UnreadableScanError:
+        return False

@@ -5,10 +5,9 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from data.common.errors import UserError
+from data.common.errors import UnreadableScanError, UserError
 from data.common.files import natural_key
 from data.scans.formats import READERS, read_timed
-from data.scans.reading_errors import UnreadableScanError
 from data.scans.scan import finished
 from data.streams.arrivals import Arrival, ScanStream
 from data.trajectory.stamps import NOTE_INDICES, SCAN_PERIOD_NS, ns_to_seconds, seconds_to_ns, stamp_in_name

@@ -75,14 +75,16 @@ class _Waiting:
 def perfect_map(a: SceneGraph, rooms: Collection[str]) -> DrawnGraph:
     """Returns a noise-free map of some rooms of one storey (at least one), in the A-graph's frame and with its ids."""
     part = SceneGraph(
-        "map", tuple(r for r in a.rooms if r.id in rooms), tuple(w for w in a.wall_surfaces if w.room in rooms),
+        "map",
+        tuple(r for r in a.rooms if r.id in rooms),
+        tuple(w for w in a.wall_surfaces if w.room in rooms),
         tuple(d for d in a.doors if len(d.rooms) > 1 and set(rooms).issuperset(d.rooms)),
-    )  # fmt: skip
+    )
     own, still = {r.id: r.id for r in part.rooms}, (0.0, 0.0, 0.0)
     floor = next((r.floor or w.floor for r in part.rooms for w in a.surfaces_of_room[r.id]), part.rooms[0].floor)
     return DrawnGraph(
         part, own, {w.id: w.id for w in part.wall_surfaces}, still, dict.fromkeys(own, still), floor, False
-    )  # fmt: skip
+    )
 
 
 def _apart(storey: Storey, room: int, other: int) -> float:

@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
-from data.common.files import text_lines, write_atomically
-from data.geometry.poses import poses_to_xyzquat, xyzquat_to_poses
+from data.common.files import numbered_lines, write_atomically
+from data.geometry.poses import poses_to_xyzquat
 from data.trajectory.stamps import ns_to_seconds, read_times
-from data.trajectory.trajectory import Trajectory
+from data.trajectory.trajectory import Trajectory, numbers_in, trajectory_in
 
 _KITTI, _EUROC = 12, 8  # numbers of a line; EuRoC's may be followed by speeds and biases
+_EUROC_FORM = "'stamp_ns, x, y, z, qw, qx, qy, qz'"
 _SKEW = 1e-3  # by which a rotation may be off: files are written with few digits
 _EUROC_HEADER = (
     "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []"  # S is the sensor
@@ -46,9 +47,9 @@ def read_poses(path: Path | str, times: Path | str | None = None) -> PoseList:
     line's number, for anything else.
     """
     path = Path(path)
-    line = _first_line(path)
+    line = next((text for _, text in numbered_lines(path, "a file of poses")), "")
     if "," in line:
-        poses = PoseList.of(read_euroc(path))
+        poses = PoseList.of(trajectory_in(path, _EUROC_FORM, _euroc))
     elif len(line.split()) == _KITTI:
         return _stamped(path, read_kitti(path), times)
     else:
@@ -61,9 +62,9 @@ def read_poses(path: Path | str, times: Path | str | None = None) -> PoseList:
 def read_kitti(path: Path | str) -> NDArray[np.float64]:
     """(N, 4, 4) the poses of a file with the upper 3 x 4 of each, row by row. Raises UserError, naming the line."""
     poses = []
-    for number, text in _lines(Path(path)):
-        row = _numbers(f"{path}, line {number}", text.split(), _KITTI, "the upper 3 x 4 of a pose")
+    for number, text in numbered_lines(path, "a file of poses"):
         try:
+            row = numbers_in(text.split(), _KITTI, "the upper 3 x 4 of a pose")
             poses.append(squared(np.vstack([row.reshape(3, 4), [0.0, 0.0, 0.0, 1.0]])))
         except ValueError as error:
             raise UserError(f"{path}, line {number}: {error}") from None
@@ -72,27 +73,13 @@ def read_kitti(path: Path | str) -> NDArray[np.float64]:
     return np.stack(poses)
 
 
-def read_euroc(path: Path | str) -> Trajectory:
-    """Reads EuRoC's ground truth: stamp in ns, position, quaternion with w first; what follows is not used.
-
-    Raises UserError, naming the line, for a line that is not so and stamps that do not increase.
-    """
-    stamps, rows = list[int](), list[NDArray[np.float64]]()
-    for number, text in _lines(Path(path)):
-        where, words = f"{path}, line {number}", [word.strip() for word in text.split(",")]
-        row = _numbers(where, words[1:_EUROC], _EUROC - 1, "'stamp_ns, x, y, z, qw, qx, qy, qz'")
-        if not words[0].lstrip("-").isdecimal():
-            raise UserError(f"{where}: '{words[0]}' is not a stamp in whole nanoseconds")
-        stamp = int(words[0])
-        if abs(stamp) > np.iinfo(np.int64).max or (stamps and stamp <= stamps[-1]):
-            raise UserError(f"{where}: the stamp does not increase; sort by time, one pose per stamp")
-        if np.linalg.norm(row[3:]) < 1e-6:
-            raise UserError(f"{where}: the quaternion has no direction (all zero?)")
-        stamps.append(stamp)
-        rows.append(row[[0, 1, 2, 4, 5, 6, 3]])
-    if not rows:
-        raise UserError(f"{path}: no poses in it; give lines of 'stamp_ns, x, y, z, qw, qx, qy, qz'")
-    return Trajectory(np.array(stamps, np.int64), xyzquat_to_poses(np.stack(rows)))
+def _euroc(text: str) -> tuple[int, NDArray[np.float64]]:
+    """A line of EuRoC's ground truth: stamp in ns, position, quaternion with w first; what follows is not used."""
+    stamp, *words = (word.strip() for word in text.split(","))
+    row = numbers_in(words[: _EUROC - 1], _EUROC - 1, _EUROC_FORM)
+    if not stamp.lstrip("-").isdecimal() or abs(int(stamp)) > np.iinfo(np.int64).max:
+        raise ValueError(f"'{stamp}' is not a stamp in whole nanoseconds")
+    return int(stamp), row[[0, 1, 2, 4, 5, 6, 3]]
 
 
 def squared(pose: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -117,31 +104,6 @@ def _stamped(path: Path, poses: NDArray[np.float64], times: Path | str | None) -
     if np.any(stamps[1:] <= stamps[:-1]):
         raise UserError(f"{times}: the stamps do not increase; sort by time, one pose per stamp")
     return PoseList(poses, stamps)
-
-
-def _first_line(path: Path) -> str:
-    """The first line of a file that holds something; empty if there is none."""
-    return next((text for _, text in _lines(path)), "")
-
-
-def _lines(path: Path) -> list[tuple[int, str]]:
-    """Number and text of each line, without comments and blank lines. Raises UserError."""
-    lines = text_lines(path, "a file of poses")
-    kept = ((number, line.partition("#")[0].strip()) for number, line in enumerate(lines, 1))
-    return [(number, text) for number, text in kept if text]
-
-
-def _numbers(where: str, words: list[str], count: int, form: str) -> NDArray[np.float64]:
-    """(count,) finite numbers. Raises UserError."""
-    if len(words) != count:
-        raise UserError(f"{where}: {len(words)} values, {form} needed")
-    try:
-        row = np.array([float(word) for word in words])
-    except ValueError:
-        raise UserError(f"{where}: a value is not a number") from None
-    if not np.isfinite(row).all():
-        raise UserError(f"{where}: a value is not finite")
-    return row
 
 
 def write_kitti(trajectory: Trajectory, poses: Path, times: Path) -> None:

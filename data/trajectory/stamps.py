@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
+from data.common.files import numbered_lines
 
 NS = 1_000_000_000
 SCAN_PERIOD_NS = NS // 10
@@ -81,14 +82,7 @@ def stamps_from_names(files: Sequence[Path]) -> list[int] | None:
 def read_times(path: Path) -> list[int]:
     """Reads stamps (ns) from a file with one float second per line; blank lines and `#` comments are skipped."""
     stamps = []
-    try:
-        lines = path.read_text().splitlines()
-    except (OSError, UnicodeDecodeError):
-        raise UserError(f"{path}: cannot be read; give one stamp per line, in seconds") from None
-    for number, line in enumerate(lines, 1):
-        text = line.partition("#")[0].strip()
-        if not text:
-            continue
+    for number, text in numbered_lines(path, "one stamp per line, in seconds"):
         try:
             stamps.append(seconds_to_ns(text))
         except ValueError as error:

@@ -1,5 +1,6 @@
 """A trajectory: stamped poses, and the TUM files that hold them."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
-from data.common.files import write_atomically
+from data.common.files import numbered_lines, write_atomically
 from data.geometry.poses import poses_to_xyzquat, xyzquat_to_poses
 from data.trajectory.stamps import ns_to_seconds, seconds_to_ns
 
@@ -101,45 +102,50 @@ class Trajectory:
 
         Raises UserError, with the line's number, if the file is not a trajectory with increasing stamps.
         """
+        return trajectory_in(path, "'t x y z qx qy qz qw'", _tum)
+
+
+def trajectory_in(path: Path | str, form: str, parse: Callable[[str], tuple[int, NDArray[np.float64]]]) -> Trajectory:
+    """The trajectory in a text file with a pose a line: `parse` gives its stamp (ns) and `x y z qx qy qz qw`.
+
+    Raises UserError, with the line's number, where `parse` raises ValueError and where stamps do not increase.
+    """
+    stamps, rows = list[int](), list[NDArray[np.float64]]()
+    for number, text in numbered_lines(path, f"a trajectory, lines of {form}"):
         try:
-            lines = Path(path).read_text().splitlines()
-        except OSError as error:
-            raise UserError(f"{path}: cannot be read ({error.strerror}); give a TUM trajectory") from None
-        except UnicodeDecodeError:
-            raise UserError(f"{path}: not a text file; give a TUM trajectory") from None
-        stamps: list[int] = []
-        rows: list[list[float]] = []
-        for number, line in enumerate(lines, 1):
-            if not (text := line.partition("#")[0].strip()):
-                continue
-            try:
-                stamp, row = _parse_line(text)
-            except ValueError as error:
-                raise UserError(f"{path}, line {number}: {error}") from None
+            stamp, row = parse(text)
+            if not 1e-6 < np.linalg.norm(row[3:]) < 1e6:
+                raise ValueError("the quaternion has no direction (all zero?)")
             if stamps and stamp <= stamps[-1]:
                 how = "repeats" if stamp == stamps[-1] else "goes backwards"
-                raise UserError(f"{path}, line {number}: the stamp {how}; sort by time, one pose per stamp")
-            stamps.append(stamp)
-            rows.append(row)
-        if not rows:
-            raise UserError(f"{path}: no poses in it; give lines of 't x y z qx qy qz qw'")
-        return Trajectory(np.array(stamps, dtype=np.int64), xyzquat_to_poses(rows))
+                raise ValueError(f"the stamp {how}; sort by time, one pose per stamp")
+        except ValueError as error:
+            raise UserError(f"{path}, line {number}: {error}") from None
+        stamps.append(stamp)
+        rows.append(row)
+    if not rows:
+        raise UserError(f"{path}: no poses in it; give lines of {form}")
+    return Trajectory(np.array(stamps, dtype=np.int64), xyzquat_to_poses(rows))
 
 
-def _parse_line(text: str) -> tuple[int, list[float]]:
-    fields = text.split()
-    if len(fields) != 8:
-        raise ValueError(f"{len(fields)} values, 't x y z qx qy qz qw' needed")
-    stamp = seconds_to_ns(fields[0])
+def numbers_in(words: Sequence[str], count: int, form: str) -> NDArray[np.float64]:
+    """(count,) finite numbers. Raises ValueError, which names the `form` of the line."""
+    if len(words) != count:
+        raise ValueError(f"{len(words)} values, {form} needed")
     try:
-        row = [float(field) for field in fields[1:]]
+        row = np.array([float(word) for word in words])
     except ValueError:
         raise ValueError("a value is not a number") from None
     if not np.isfinite(row).all():
         raise ValueError("a value is not finite")
-    if not 1e-6 < np.linalg.norm(row[3:]) < 1e6:
-        raise ValueError("the quaternion has no direction (all zero?)")
-    return stamp, row
+    return row
+
+
+def _tum(text: str) -> tuple[int, NDArray[np.float64]]:
+    words = text.split()
+    if len(words) != 8:
+        raise ValueError(f"{len(words)} values, 't x y z qx qy qz qw' needed")
+    return seconds_to_ns(words[0]), numbers_in(words[1:], 7, "")
 
 
 def moved_with(given: Trajectory, corrected: Trajectory) -> Trajectory:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from data import SceneGraph
 from data.common.errors import UserError
 from data.geometry import se2
-from data.geometry.line_fit import fit_to_lines
+from data.geometry.se2 import fit_to_lines
 from data.scene_graph.segments import Segments
 from matching.arrays import arrays
 from sgslam.geometry.frames import is_rigid

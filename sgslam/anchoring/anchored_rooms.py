@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 import factors
 from data import WallSurface
-from data.scene_graph.wall_faces import wall_names
+from data.scene_graph.segments import wall_names
 from sgslam.anchoring.anchor_log import AnchorStatus, Key
 from sgslam.anchoring.wall_alignment import AlignedWall, WallAlignment
 from sgslam.geometry.frames import se2_to_se3, transform_points

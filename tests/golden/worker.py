@@ -9,6 +9,7 @@ It calls public names of the measured code only, within the functions, and nothi
 
 import gzip
 import json
+import logging
 import signal
 import sys
 from collections.abc import Iterator, Sequence
@@ -67,9 +68,10 @@ def _plan_set(path: Path) -> Plans:
     from data.plans import read_plans
 
     skipped: list[str] = []
-    found: Plans = {
-        p.name: {"graph": p.graph.to_dict(), "notices": []} for p in read_plans(path, on_skip=skipped.append)
-    }
+    handler = logging.Handler()
+    handler.emit = lambda record: skipped.append(record.getMessage())  # type: ignore[method-assign]
+    logging.getLogger("data.plans").addHandler(handler)
+    found: Plans = {p.name: {"graph": p.graph.to_dict(), "notices": []} for p in read_plans(path)}
     return found | {f"skipped {n}": {"error": text} for n, text in enumerate(_without(path.parent, skipped))}
 
 

@@ -18,8 +18,7 @@ from fuzzed_readers import READERS, Reader
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from data.common.errors import UserError
-from data.scans.reading_errors import UnreadableScanError
+from data.common.errors import UnreadableScanError, UserError
 
 MEMORY = 3 << 30  # bytes a reader may allocate, on top of what is loaded
 SECONDS = 60.0  # for an input; the machine may be shared

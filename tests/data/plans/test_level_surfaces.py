@@ -15,7 +15,7 @@ from data.geometry.level_faces import level_faces
 from data.geometry.raycast import TriangleScene
 from data.ifc.graph import read_ifc
 from data.ifc.products import open_ifc, products
-from data.ifc.storeys import LEVELS
+from data.ifc.rooms import LEVELS
 
 Body = tuple[str, tuple[float, float, float, float], tuple[float, float]]  # class, lowest and highest x y, z
 FLOOR: Body = ("IfcSlab", (-0.3, -0.3, 6.3, 4.3), (-0.2, 0.0))
@@ -42,7 +42,7 @@ def outline(level: LevelSurface) -> shapely.Polygon:
 def seen(graph: SceneGraph, is_floor: bool) -> list[Seen]:
     """What the room has, by height."""
     (room,) = graph.rooms
-    own = [level for level in graph.levels_of_room[room.id] if level.is_floor == is_floor]
+    own = [v for v in graph.level_surfaces if v.room == room.id and v.is_floor == is_floor]
     assert all(level.stated == (level.kind != "IfcSpace") for level in own)
     return sorted((v.kind, round(v.height(1.0, 1.0), 4) + 0.0, round(outline(v).area, 2)) for v in own)
 
@@ -116,7 +116,7 @@ def hits(path: Path, graph: SceneGraph) -> tuple[int, int]:
         for up in (1.0, -1.0):
             eyes = np.column_stack([xy, np.full(len(xy), 1.4)])
             z = 1.4 + up * scene.distances(eyes, np.tile([0.0, 0.0, up], (len(xy), 1)))
-            own = [v for v in graph.levels_of_room[room.id] if v.is_floor == (up < 0)]
+            own = [v for v in graph.level_surfaces if v.room == room.id and v.is_floor == (up < 0)]
             for (x, y), hit in zip(xy.tolist(), z.tolist(), strict=True):
                 over = [v for v in own if shapely.contains_xy(outline(v), x, y)]
                 right += any(abs(v.height(x, y) - hit) < 0.002 for v in over)

@@ -10,7 +10,6 @@ from plans import box
 
 from data import UserError
 from data.plans import read_plans
-from data.plans.sources import read_msd
 
 Row = dict[str, Any]
 
@@ -60,30 +59,26 @@ def test_apartments_in_both_published_tables(tmp_path: Path, name: str, columns:
         assert {r.floor for r in graph.rooms} == {floor} and len(graph.wall_surfaces) == 8
         assert graph.wall_surfaces[0].height == pytest.approx((2.9 * int(floor), 2.9 * int(floor) + 2.6))
         assert [set(d.rooms) for d in graph.doors if len(d.rooms) == 2] == [{r.id for r in graph.rooms}]
-    assert len(list(read_plans(path, limit=2))) == 2
 
 
-def test_whole_floors_have_what_lies_between_the_apartments(tmp_path: Path) -> None:
-    """Stairs belong to no apartment; a maisonette's rooms are on both of its floors."""
+def test_a_maisonettes_rooms_are_on_both_of_its_floors(tmp_path: Path) -> None:
+    """Stairs belong to no apartment."""
     stairs = row(1, "", "Stairs", box(6, 4, 3, 5))
     path = table(tmp_path / "t.csv", [*flat(1, "aa"), stairs, *flat(1, "bb", 6.0), *flat(2, "aa")])
-    first, second = read_msd(path, by="floor")
-    assert [r.name for r in first.graph.rooms] == ["Bedroom", "Corridor", "Stairs", "Bedroom", "Corridor"]
-    assert second.name == "floor 2" and first.building == second.building
-    maisonette = next(p for p in read_msd(path) if p.name == "apartment aa").graph
+    maisonette = next(p for p in read_plans(path) if p.name == "apartment aa").graph
+    assert [r.name for r in maisonette.rooms] == 2 * ["Bedroom", "Corridor"]
     assert [f.id for f in maisonette.floors] == ["1", "2"]
     assert len(maisonette.on_floor("2").wall_surfaces) == 8
 
 
-def test_bad_rows_are_counted_and_other_tables_refused(tmp_path: Path) -> None:
+def test_bad_rows_are_counted_and_other_tables_refused(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """No WKT, nothing in it, a row cut short: the rest is read."""
     rows = [*flat(1, "aa"), row(1, "aa", "Kitchen", "POLYGON ((0 0, 1"), row(1, "aa", "Kitchen", "POLYGON EMPTY")]
     path = table(tmp_path / "t.csv", [*rows, row(2, "bb", "Kitchen", "nonsense")])
     path.write_text(path.read_text() + "cut,short\n")
-    notices: list[str] = []
-    assert [len(p.graph.rooms) for p in read_plans(path, on_skip=notices.append)] == [2]
+    assert [len(p.graph.rooms) for p in read_plans(path)] == [2]
     for part in ("1 of 2 plans", "2 rows: the polygon is not WKT", "1 rows: no area", "1 rows: not as many columns"):
-        assert part in "\n".join(notices)
+        assert part in "\n".join(caplog.messages)
     for content, message in (
         (b"a,b\n1,2\n", r"t\.csv: not Modified Swiss Dwellings: no column floor_id"),
         (b"floor_id,\xff\xfe\n", "not a CSV table"),

@@ -11,7 +11,7 @@ from data.ifc.writer import IfcWriter, box
 from data.plans import load_bim
 from data.plans.elements import planned_elements
 from data.scene_graph import WallSurface
-from data.scene_graph.wall_faces import wall_names
+from data.scene_graph.segments import wall_names
 
 Xy = tuple[float, float]
 

@@ -13,11 +13,10 @@ from bag_files import NS, START, cloud, lidar_bag, store, write_bag
 from numpy.typing import NDArray
 from scan_files import BAGS, E57, FILES, GOOD, LAYOUTS, SECONDS, UNTIMED, points_of, stamp_of, write_scans
 
-from data.common.errors import UserError
+from data.common.errors import UnreadableScanError, UserError
 from data.plans import load_bim
 from data.scans import ScanFolder
 from data.scans.formats import read_points
-from data.scans.reading_errors import UnreadableScanError
 from data.scans.sources import open_scans
 from data.streams import McapPipe
 
