@@ -129,7 +129,7 @@ def is_near(found: Hypotheses, s: SceneGraph, true: Array, floor: str | None) ->
     middle = np.array(s.centroid())
     off = np.linalg.norm(se2.apply(found.between_graphs, middle) - se2.apply(true, middle), axis=-1)
     turn = np.abs(se2.wrap(found.between_graphs[:, 0] - true[0]))
-    floors = [found.scene.plan.storeys[int(k)].floor == floor for k in found.fields.storey]
+    floors = [floor in (None, found.scene.plan.storeys[int(k)].floor) for k in found.fields.storey]
     return [bool(near) for near in (off < RIGHT_M) & (turn < RIGHT_RAD) & np.array(floors)]
 
 

@@ -139,7 +139,8 @@ class Session:
 
     @property
     def _matcher_in_use(self) -> AnyMatcher:
-        return self._matcher or Matcher.load(self._config.matching.method)
+        matching = self._config.matching
+        return self._matcher or Matcher.load(matching.method, matching.judged)
 
     def _anchored_in(self, plan: SceneGraph | None, is_prior: bool) -> BuildingAnchoring | None:
         if plan is None:

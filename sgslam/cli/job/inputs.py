@@ -21,7 +21,7 @@ from data.scene_graph import Floor, SceneGraph
 from data.trajectory import Trajectory
 from sgslam.anchoring import check_storey
 from sgslam.cli.options import RunOptions, Triple
-from sgslam.config import Config
+from sgslam.config import Config, MatchingSettings
 from sgslam.config.loading import load_config
 from sgslam.odometry.external import ExternalOdometry
 from sgslam.odometry.factory import choose
@@ -139,7 +139,7 @@ class RunInputs:
         """Opens what the map is built and compared with; a plan that is missing is that of the prior map. Raises
         UserError."""
         options, config, scans = self.options, self.config, self.scans
-        matcher = _matcher(config.matching.method)
+        matcher = _matcher(config.matching)
         prior = None if options.map is None else self._prior_map(options.map)
         plan = options.bim
         if plan is None and (options.storey is not None or options.start is not None):
@@ -275,11 +275,11 @@ def _open_scans(options: RunOptions, config: Config) -> ScanSource:
     return open_scans(options.scan_dir, options.topic, config.tracking.stamp)
 
 
-def _matcher(method: str) -> Any:
+def _matcher(settings: MatchingSettings) -> Any:
     from matching import Matcher
 
     try:
-        return Matcher.load(method)
+        return Matcher.load(settings.method, settings.judged)
     except UserError as error:
         raise UserError(f"setting matching.method: {error}") from None
 
