@@ -50,7 +50,7 @@ def placements_of(found: Hypotheses, signs: Signs) -> Placements:
     share = shipped().among(signs)[:RIVALS]
     odds = shipped().in_plan(signs)
     found = found[np.arange(len(share))]
-    scene, best = found.scene, found.score.argmax(keepdims=True)
+    scene, best = found.scene, np.array([found.score.argmax()])
     chance = Chance.of(scene, found.fields[best], found.table[best])
     terms = evidence(scene, found.fields, found.table, chance)
     tokens, of = zip(*(_of_plan(found, terms, k) for k in range(len(found))), strict=True)

@@ -111,15 +111,14 @@ def examples_of_maps(folder: Path, rng: np.random.Generator) -> Iterator[tuple[s
     Raises UserError as `MapInPlan.load` does, and if there is no map, or maps of one building alone.
     """
     maps = [MapInPlan.load(path) for path in sorted(folder.glob("*.map.json"))]
-    plan_of = {m.building: m.plan for m in maps}
-    if len(plan_of) < 2:
+    plans = {name: SceneGraph.load(folder / name) for name in sorted({m.plan for m in maps})}
+    building = {m.plan: m.building for m in maps}
+    if len(set(building.values())) < 2:
         raise UserError(f"{folder}: no maps of several buildings; python -m evaluation.maps writes them")
-    plans = {name: SceneGraph.load(folder / name) for name in sorted(set(plan_of.values()))}
     for m in maps:
-        same = split_of(m.building)  # a foreign plan of another split would be seen in training
-        others = [p for b, p in plan_of.items() if p != m.plan and split_of(b) == same] or [
-            p for p in plan_of.values() if p != m.plan
-        ]
+        others = [plan for plan, name in building.items() if name != m.building]
+        # a plan that training sees must not be met again in validation
+        others = [plan for plan in others if split_of(building[plan]) == split_of(m.building)] or others
         made: list[Example | None] = []
         for regime in ("whole", "thinned", "foreign"):
             plan = plans[m.plan if regime != "foreign" else str(rng.choice(others))]

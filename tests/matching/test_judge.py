@@ -67,7 +67,7 @@ def test_equal_places_are_equally_probable_in_any_order(found: Hypotheses) -> No
     assert np.allclose(equal, equal[0], atol=1e-6) and equal.sum() <= 1.0 + 1e-9
     order = np.array([0, *range(len(found) - 1, 0, -1)])
     assert np.allclose(chances(found[order]), chances(found)[order], atol=1e-5)
-    assert 0.0 <= chances(found).min() and chances(found).sum() <= 1.0 + 1e-9
+    assert chances(found).min() >= 0.0 and chances(found).sum() <= 1.0 + 1e-9
 
 
 def test_the_plan_of_another_building_is_not_unique() -> None:
