@@ -90,7 +90,7 @@ def test_it_decides_more_than_the_evidence_and_nothing_wrongly() -> None:
 
 def test_missing_and_wrong_weights_give_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(judge, "SHIPPED", tmp_path / "none.safetensors")
-    with pytest.raises(UserError, match="judge's weights are missing.*matching.train_judge"):
+    with pytest.raises(UserError, match=r"judge's weights are missing.*matching\.train_judge"):
         Matcher.load("learned", judge=True)
     (tmp_path / "other.safetensors").write_bytes(b"nothing")
     with pytest.raises(UserError, match="no weights of a judge"):
