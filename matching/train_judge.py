@@ -71,7 +71,7 @@ def main(arguments: list[str] | None = None) -> int:
         "command": f"{parser.prog} {shlex.join(given)}",
         "parameters": sum(value.size for value in judge.weights.values()),
         "maps": {"drawn": len(parts[0]), "by SLAM": len(known[0]) if known else 0},
-        "calibration": {"temperature": judge.temperature, "prior": judge.prior},
+        "temperature": judge.temperature,
         "validation": {name: measures(training.network, judge, own) for name, own in of.items() if len(own)},
         "sgslam": build(),
     }

@@ -5,7 +5,6 @@ placement's tokens, with its features, another. The result is added to the log o
 over all placements and "none of them", whose log odds are 0, gives the probabilities.
 """
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,12 +24,10 @@ SPREAD = 3.0  # by which sums over tokens are divided, beside the root of their 
 
 @dataclass(frozen=True)
 class Judge:
-    """The weights by name, and what makes log odds into probabilities: they are divided by `temperature`, after
-    `prior` was added, since fewer plans are foreign than in training."""
+    """The weights by name; log odds are divided by `temperature`, which is fitted to other maps than they are."""
 
     weights: dict[str, NDArray[np.float32]]
     temperature: float = 1.0
-    prior: float = 0.0
 
     @staticmethod
     def load(path: Path | None = None) -> "Judge":
@@ -43,13 +40,13 @@ class Judge:
         try:
             with safe_open(file, "numpy") as stored:  # type: ignore[no-untyped-call]
                 weights = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118, it is no mapping
-                about = json.loads((stored.metadata() or {}).get("calibration", "{}"))
+                temperature = float((stored.metadata() or {}).get("temperature", "1.0"))
         except SafetensorError as error:
             raise UserError(f"{file}: no weights of a judge ({error})") from None
         sizes = weights["token_1.weight"].shape[1:] + weights["features.weight"].shape[1:] if weights else ()
         if sizes != (len(TOKEN), len(PLACEMENT)):
             raise UserError(f"{file}: of another judge; train it again with python -m matching.train_judge")
-        return Judge(weights, **about)
+        return Judge(weights, temperature)
 
     def __call__(self, found: Hypotheses, signs: Signs) -> Array:
         """(K,) the probability of each hypothesis, best first by evidence; what lacks to 1 is that of none.
@@ -57,7 +54,7 @@ class Judge:
         What the evidence leaves to hypotheses beyond the judged ones stays theirs.
         """
         placements = placements_of(found, signs)
-        judged = probabilities((self.logits(placements) + self.prior) / self.temperature)
+        judged = probabilities(self.logits(placements) / self.temperature)
         found_any, listed = judged.sum(), 1.0 - placements.unlisted
         rest = np.array(signs.evidence[len(placements) :])
         others = np.full(len(rest), found_any * placements.unlisted / max(len(rest), 1))

@@ -1,6 +1,5 @@
 """The judge's network in PyTorch, its loss, loop, calibration and files; `matching.judge` runs it in numpy."""
 
-import json
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from scipy.optimize import minimize
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 from torch import Tensor, nn
 
 from data.common.files import atomic_file, write_atomically
@@ -17,7 +17,7 @@ from matching.arrays import Index
 from matching.judge.judge import SPREAD, Judge
 from matching.judge.placements import PLACEMENT, SKIPPED, TOKEN
 from matching.training.calibrate import FOREIGN, MISLABELLED
-from matching.training.judge_data import Examples, right_probability
+from matching.training.judge_data import Examples
 
 WIDTH = 64
 BATCH = 64  # maps
@@ -61,15 +61,21 @@ def log_probabilities(log_odds: Tensor, examples: Examples) -> Tensor:
     return table.log_softmax(dim=1)
 
 
-def loss(log_odds: Tensor, examples: Examples) -> Tensor:
-    """Mean negative log likelihood of what is right; a few labels are wrong."""
+def weights_of(foreign: NDArray[np.bool_], share: float) -> Array:
+    """(M,) weights of examples, a `share` of all of which are foreign, by which these are as rare as in reality."""
+    return np.where(foreign, FOREIGN / max(share, 1e-9), (1 - FOREIGN) / max(1 - share, 1e-9))
+
+
+def loss(log_odds: Tensor, examples: Examples, foreign: float) -> Tensor:
+    """Mean negative log likelihood of what is right; a few labels are wrong. `foreign`: the share, see `weights_of`."""
     found = log_probabilities(log_odds, examples)
     right = torch.zeros(found.shape, dtype=torch.bool)
     right[_cells(examples)] = torch.from_numpy(examples.right)
     right[:, -1] = ~right.any(dim=1)
     known = torch.where(right, found, -math.inf).logsumexp(dim=1)
     mislabelled = torch.full_like(known, math.log(MISLABELLED))
-    return -torch.logaddexp(known + math.log(1 - MISLABELLED), mislabelled).mean()
+    weights = torch.from_numpy(weights_of(examples.foreign, foreign)).to(known.dtype)
+    return -(weights * torch.logaddexp(known + math.log(1 - MISLABELLED), mislabelled)).mean()
 
 
 def _cells(examples: Examples) -> tuple[Tensor, Tensor]:
@@ -110,14 +116,14 @@ class JudgeTraining:
 
     def train(self, examples: Examples, steps: int, every: int) -> Iterator[float]:
         """Trains until `steps` are done; yields the mean loss all `every` steps and at the end."""
-        losses = []
+        losses, foreign = list[float](), float(examples.foreign.mean())
         while self.step < steps:
             rate = min(1.0, (self.step + 1) / WARM_UP) * (1 + math.cos(math.pi * self.step / steps)) / 2
             for group in self.optimizer.param_groups:
                 group["lr"] = RATE * max(rate, LAST_RATE)
             chosen = np.random.default_rng([self.seed, self.step]).integers(len(examples), size=BATCH)
             batch = examples[chosen]
-            value = loss(self.network.of(batch), batch)
+            value = loss(self.network.of(batch), batch, foreign)
             self.optimizer.zero_grad()
             value.backward()  # type: ignore[no-untyped-call]
             torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
@@ -130,19 +136,13 @@ class JudgeTraining:
 
 
 def calibrated(network: JudgeNetwork, held_out: Examples) -> Judge:
-    """The judge with the temperature and the prior that fit held-out maps best, foreign ones weighed as in reality."""
+    """The judge with the temperature that fits held-out maps best."""
     with torch.no_grad():
         log_odds = network.of(held_out)
-    foreign = held_out.foreign.mean()
-    weights = np.where(held_out.foreign, FOREIGN / max(foreign, 1e-9), (1 - FOREIGN) / (1 - foreign))
-
-    def surprise(of: Array) -> float:
-        right, _ = right_probability(shares((log_odds + of[1]) / math.exp(of[0]), held_out), held_out)
-        return -float(np.mean(weights * np.log((1 - MISLABELLED) * right + MISLABELLED)))
-
-    temperature, prior = minimize(surprise, np.zeros(2), method="Nelder-Mead").x
+    foreign = float(held_out.foreign.mean())
+    best = minimize_scalar(lambda log: loss(log_odds / math.exp(log), held_out, foreign).item(), bounds=(-1.0, 1.0))
     state = {name: value.detach().numpy() for name, value in network.state_dict().items()}
-    return Judge(state, round(math.exp(temperature), 4), round(float(prior), 4))
+    return Judge(state, round(math.exp(best.x), 4))
 
 
 def shares(log_odds: Tensor, examples: Examples) -> Array:
@@ -154,15 +154,14 @@ def save_judge(path: Path, judge: Judge) -> None:
     """Writes the weights, with what calibrates them."""
     from safetensors.numpy import save
 
-    calibration = json.dumps({"temperature": judge.temperature, "prior": judge.prior})
-    write_atomically(path, save(dict(judge.weights), {"calibration": calibration}))
+    write_atomically(path, save(dict(judge.weights), {"temperature": str(judge.temperature)}))
 
 
 def measures(network: JudgeNetwork, judge: Judge, examples: Examples, sure: float = 0.99) -> dict[str, float]:
     """Of examples, with the judge and by evidence alone: the shares that are decided, and how many of these are
     wrong, of which foreign."""
     with torch.no_grad():
-        judged = (network.of(examples) + judge.prior) / judge.temperature
+        judged = network.of(examples) / judge.temperature
     by_evidence = torch.from_numpy(examples.features[:, :SKIPPED].sum(axis=1))
     found: dict[str, float] = {"maps": len(examples), "foreign": int(examples.foreign.sum())}
     for name, log_odds in (("judge", judged), ("evidence", by_evidence)):

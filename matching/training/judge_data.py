@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 
 from data.common.errors import UserError
 from data.common.files import write_json
-from data.geometry.se2 import Array
 from data.plans.splits import Split, split_of
 from data.scene_graph import SceneGraph
-from data.scene_graph.motion import mirrored
 from data.synthetic_maps.noise_models import NOISE_MODELS, DrawnGraph, draw
 from data.synthetic_maps.wall_noise import USUAL, NoiseLevels
 from matching.arrays import Index
@@ -26,8 +24,8 @@ from matching.judge.placements import PLACEMENT, RIVALS, TOKEN, Placements, plac
 from matching.training.calibrate import KINDS, ROOMS, SEEDS, is_near, right_of, surfaces_of, thinned
 from matching.training.data import generated, seeds_of
 
-REGIMES = {"whole": 0.6, "thinned": 0.15, "foreign": 0.2, "mirrored": 0.05}  # shares of plans
-OF_OTHERS = ("foreign", "mirrored")  # the map is not in these plans
+# Shares of plans. None is mirrored: small maps are as probable there, and runs match the mirror image themselves.
+REGIMES = {"whole": 0.65, "thinned": 0.15, "foreign": 0.2}
 USUAL_SHARE = 0.3  # of maps with the noise models' own levels
 LEVELS = NoiseLevels(2.0, 0.35, 0.4, 0.5, 0.6, 0.3, 0.3)  # the highest; a sigma is at least the inverse
 
@@ -60,8 +58,7 @@ class MapInPlan:
 
 @dataclass(frozen=True)
 class Example:
-    """Placements, which of them are right (K,), whether the plan is of another building or mirrored, and what the map
-    is (building, noise and the like)."""
+    """Placements, which of them are right (K,), whether the plan is of another building, and what the map is."""
 
     placements: Placements
     right: NDArray[np.bool_]
@@ -87,8 +84,10 @@ def drawn_examples(split: Split, seed: int, number: int, count: int) -> list[Exa
         plan, other = (generated(kind, int(rng.choice(seeds[kind]))).graph for _ in range(2))
         rooms, noise = ROOMS[int(rng.integers(len(ROOMS)))], str(rng.choice(NOISE_MODELS[1:]))
         drawn = draw(other if regime == "foreign" else plan, noise, rng, rooms, levels=drawn_levels(rng))
-        plan = mirrored(plan) if regime == "mirrored" else thinned(plan, rng) if regime == "thinned" else plan
-        if other is not plan and (made := example(drawn, plan, regime, f"{kind} {noise} {rooms}")) is not None:
+        if regime == "foreign" and other is plan:
+            continue
+        plan = thinned(plan, rng) if regime == "thinned" else plan
+        if (made := example(drawn, plan, regime, f"{kind} {noise} {rooms}")) is not None:
             found.append(made)
     return found
 
@@ -98,7 +97,7 @@ def example(drawn: DrawnGraph, plan: SceneGraph, regime: str, about: str) -> Exa
     found = _searched(drawn.s_graph, plan)
     if found is None:
         return None
-    if regime in OF_OTHERS:
+    if regime == "foreign":
         return _example(found, (False,) * len(found), True, f"{regime} {about}")
     surfaces = [surfaces_of(found, k, assign(found, k), drawn) for k in range(min(len(found), 5 * RIVALS))]
     right = right_of(found[np.arange(len(surfaces))], drawn, surfaces)
@@ -206,12 +205,3 @@ class Examples:
 def _stretches(first: Index, size: Index) -> Index:
     """The indices of stretches, one after the other."""
     return np.asarray(np.repeat(first - np.cumsum(size) + size, size) + np.arange(size.sum()))
-
-
-def right_probability(share: Array, examples: Examples) -> tuple[Array, Array]:
-    """Of probabilities (P,) of placements: (M,) those of what is right (a placement, or none), and of the best."""
-    first = np.cumsum(examples.rivals) - examples.rivals
-    of_right = np.add.reduceat(np.where(examples.right, share, 0.0), first)
-    has = np.add.reduceat(examples.right, first)
-    none = 1 - np.add.reduceat(share, first)
-    return np.where(has, of_right, none), np.maximum.reduceat(share, first)
