@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from torch import Tensor, nn
 
@@ -21,6 +20,7 @@ from matching.training.judge_data import Examples
 
 WIDTH = 64
 BATCH = 64  # maps
+RARE = {"foreign": FOREIGN, "mirrored": 0.002}  # probabilities beforehand; small maps fit a mirrored plan as well
 RATE, WEIGHT_DECAY, WARM_UP, LAST_RATE = 2e-3, 1e-3, 100, 0.02
 
 
@@ -61,21 +61,26 @@ def log_probabilities(log_odds: Tensor, examples: Examples) -> Tensor:
     return table.log_softmax(dim=1)
 
 
-def weights_of(foreign: NDArray[np.bool_], share: float) -> Array:
-    """(M,) weights of examples, a `share` of all of which are foreign, by which these are as rare as in reality."""
-    return np.where(foreign, FOREIGN / max(share, 1e-9), (1 - FOREIGN) / max(1 - share, 1e-9))
+def weights_of(examples: Examples) -> Array:
+    """(M,) weights by which foreign and mirrored plans are as rare as in reality."""
+    regime = np.char.partition(examples.about, " ")[:, 0]
+    weights, rest = np.zeros(len(examples)), ~np.isin(regime, [*RARE])
+    for chosen, prior in [(rest, 1 - sum(RARE.values())), *((regime == name, of) for name, of in RARE.items())]:
+        weights[chosen] = prior / max(float(chosen.mean()), 1e-9)
+    return weights
 
 
-def loss(log_odds: Tensor, examples: Examples, foreign: float) -> Tensor:
-    """Mean negative log likelihood of what is right; a few labels are wrong. `foreign`: the share, see `weights_of`."""
+def loss(log_odds: Tensor, examples: Examples, weights: Array) -> Tensor:
+    """Mean negative log likelihood of what is right, with weights (M,); a few labels are wrong."""
     found = log_probabilities(log_odds, examples)
     right = torch.zeros(found.shape, dtype=torch.bool)
     right[_cells(examples)] = torch.from_numpy(examples.right)
     right[:, -1] = ~right.any(dim=1)
     known = torch.where(right, found, -math.inf).logsumexp(dim=1)
     mislabelled = torch.full_like(known, math.log(MISLABELLED))
-    weights = torch.from_numpy(weights_of(examples.foreign, foreign)).to(known.dtype)
-    return -(weights * torch.logaddexp(known + math.log(1 - MISLABELLED), mislabelled)).mean()
+    return -(
+        torch.from_numpy(weights).to(known.dtype) * torch.logaddexp(known + math.log(1 - MISLABELLED), mislabelled)
+    ).mean()
 
 
 def _cells(examples: Examples) -> tuple[Tensor, Tensor]:
@@ -116,14 +121,14 @@ class JudgeTraining:
 
     def train(self, examples: Examples, steps: int, every: int) -> Iterator[float]:
         """Trains until `steps` are done; yields the mean loss all `every` steps and at the end."""
-        losses, foreign = list[float](), float(examples.foreign.mean())
+        losses, weights = list[float](), weights_of(examples)
         while self.step < steps:
             rate = min(1.0, (self.step + 1) / WARM_UP) * (1 + math.cos(math.pi * self.step / steps)) / 2
             for group in self.optimizer.param_groups:
                 group["lr"] = RATE * max(rate, LAST_RATE)
             chosen = np.random.default_rng([self.seed, self.step]).integers(len(examples), size=BATCH)
             batch = examples[chosen]
-            value = loss(self.network.of(batch), batch, foreign)
+            value = loss(self.network.of(batch), batch, weights[chosen])
             self.optimizer.zero_grad()
             value.backward()  # type: ignore[no-untyped-call]
             torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
@@ -139,8 +144,8 @@ def calibrated(network: JudgeNetwork, held_out: Examples) -> Judge:
     """The judge with the temperature that fits held-out maps best."""
     with torch.no_grad():
         log_odds = network.of(held_out)
-    foreign = float(held_out.foreign.mean())
-    best = minimize_scalar(lambda log: loss(log_odds / math.exp(log), held_out, foreign).item(), bounds=(-1.0, 1.0))
+    weights = weights_of(held_out)
+    best = minimize_scalar(lambda log: loss(log_odds / math.exp(log), held_out, weights).item(), bounds=(-1.0, 1.0))
     state = {name: value.detach().numpy() for name, value in network.state_dict().items()}
     return Judge(state, round(math.exp(best.x), 4))
 

@@ -13,6 +13,7 @@ from data.common.errors import UserError
 from data.common.files import write_json
 from data.plans.splits import Split, split_of
 from data.scene_graph import SceneGraph
+from data.scene_graph.motion import mirrored
 from data.synthetic_maps.noise_models import NOISE_MODELS, DrawnGraph, draw
 from data.synthetic_maps.wall_noise import USUAL, NoiseLevels
 from matching.arrays import Index
@@ -24,8 +25,8 @@ from matching.judge.placements import PLACEMENT, RIVALS, TOKEN, Placements, plac
 from matching.training.calibrate import KINDS, ROOMS, SEEDS, is_near, right_of, surfaces_of, thinned
 from matching.training.data import generated, seeds_of
 
-# Shares of plans. None is mirrored: small maps are as probable there, and runs match the mirror image themselves.
-REGIMES = {"whole": 0.65, "thinned": 0.15, "foreign": 0.2}
+REGIMES = {"whole": 0.6, "thinned": 0.15, "foreign": 0.2, "mirrored": 0.05}  # shares of plans
+OF_OTHERS = ("foreign", "mirrored")  # the map is not in these plans
 USUAL_SHARE = 0.3  # of maps with the noise models' own levels
 LEVELS = NoiseLevels(2.0, 0.35, 0.4, 0.5, 0.6, 0.3, 0.3)  # the highest; a sigma is at least the inverse
 
@@ -58,7 +59,7 @@ class MapInPlan:
 
 @dataclass(frozen=True)
 class Example:
-    """Placements, which of them are right (K,), whether the plan is of another building, and what the map is."""
+    """Placements, which of them are right (K,), whether it is in another plan or a mirrored one, and of what."""
 
     placements: Placements
     right: NDArray[np.bool_]
@@ -84,10 +85,8 @@ def drawn_examples(split: Split, seed: int, number: int, count: int) -> list[Exa
         plan, other = (generated(kind, int(rng.choice(seeds[kind]))).graph for _ in range(2))
         rooms, noise = ROOMS[int(rng.integers(len(ROOMS)))], str(rng.choice(NOISE_MODELS[1:]))
         drawn = draw(other if regime == "foreign" else plan, noise, rng, rooms, levels=drawn_levels(rng))
-        if regime == "foreign" and other is plan:
-            continue
-        plan = thinned(plan, rng) if regime == "thinned" else plan
-        if (made := example(drawn, plan, regime, f"{kind} {noise} {rooms}")) is not None:
+        plan = mirrored(plan) if regime == "mirrored" else thinned(plan, rng) if regime == "thinned" else plan
+        if other is not plan and (made := example(drawn, plan, regime, f"{kind} {noise} {rooms}")) is not None:
             found.append(made)
     return found
 
@@ -97,7 +96,7 @@ def example(drawn: DrawnGraph, plan: SceneGraph, regime: str, about: str) -> Exa
     found = _searched(drawn.s_graph, plan)
     if found is None:
         return None
-    if regime == "foreign":
+    if regime in OF_OTHERS:
         return _example(found, (False,) * len(found), True, f"{regime} {about}")
     surfaces = [surfaces_of(found, k, assign(found, k), drawn) for k in range(min(len(found), 5 * RIVALS))]
     right = right_of(found[np.arange(len(surfaces))], drawn, surfaces)
