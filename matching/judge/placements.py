@@ -25,7 +25,7 @@ TOKEN = (
 )  # fmt: skip
 PLACEMENT = (
     "log share", "log odds", "nats", "of walls", "of planned walls", "of doors", "of bending", "a wall", "behind",
-    "explained", "supported", "log walls", "log places", "rooms", "rivals",
+    "explained", "supported", "log walls", "rooms", "rivals",
 )  # fmt: skip
 SKIPPED = 2  # the first features of a placement, whose sum are its log odds by evidence alone
 OF = {name: n for n, name in enumerate(TOKEN)}
@@ -70,7 +70,7 @@ def _features(found: Hypotheses, terms: Terms, signs: Signs, share: Array, in_pl
     s, score = found.scene.s, found.score
     explained = terms.now.quality.max(axis=2, initial=0.0) @ s.half / s.half.sum()
     odds = np.clip(np.log(max(in_plan, 1e-9) / max(1 - in_plan, 1e-9)), -8.0, 8.0)
-    of_map = [odds, signs.walls, signs.places, len(s.rooms) / 5, len(found) / 5]
+    of_map = [odds, signs.walls, len(s.rooms) / 5, len(found) / 5]  # the plan's size is in the odds alone
     of_all = np.tile(of_map, (len(found), 1))
     columns = (
         np.log(np.maximum(share, np.exp(-MOST_LOG_ODDS / 4))), of_all[:, 0], score / 20, terms.walls / 20,
