@@ -101,7 +101,7 @@ def _system(case: DriveCase, variant: Variant, drive: Drive, sent: Troubled, wor
         config = config.model_copy(update={"as_built": AsBuiltSettings(tolerance=TOLERANCE_M)})
     plan, truth = (_plan(case, drive, work) if variant.plan else None), sent.truth
     storey = _another_storey(plan, truth) if plan is not None and case.trouble == "wrong storey" else None
-    matcher = None if plan is None else _matcher(variant, plan, truth)
+    matcher = None if plan is None else _matcher(variant, config, plan, truth)
     odometry = _odometry(case, variant, sent)
 
     def scans() -> Iterator[Scan]:
@@ -167,12 +167,11 @@ def _another_storey(plan: SceneGraph, truth: Trajectory) -> str:
     return other
 
 
-def _matcher(variant: Variant, plan: SceneGraph, truth: Trajectory) -> AnyMatcher:
+def _matcher(variant: Variant, config: Config, plan: SceneGraph, truth: Trajectory) -> AnyMatcher:
     if variant.matcher == "oracle":
         first = truth.poses[0]
         return OracleMatcher(first, storey_of(plan, first))
-    name = variant.matcher or Config().matching.method
-    matcher = Matcher.load(name)
+    matcher = Matcher.load(variant.matcher or config.matching.method, config.matching.judged)
     make_ready(matcher)  # compiling is not part of the run's time
     return matcher
 

@@ -30,6 +30,7 @@ SYSTEM: dict[str, Variant] = {
     "anchored": Variant(),
     "unanchored": Variant(plan=False),
     "voting": Variant(matcher="voting"),
+    "judged": Variant(settings={"matching": {"judge": "learned"}}),
     "published": Variant(matcher="paper@published"),
     "oracle": Variant(matcher="oracle"),
     "walls only": Variant(settings={"anchors": {"rooms": False}}),

@@ -10,10 +10,11 @@ from matching.result import AnyMatcher, MatchResult, Start
 
 if TYPE_CHECKING:
     from matching.engine import GeometricMatcher
+    from matching.judge import Judge
     from matching.published.matcher import PaperMatcher
 
 Method = Union[CombinatorialMatcher, "GeometricMatcher", "PaperMatcher"]
-WITH_WEIGHTS = ("learned", "paper")
+WITH_WEIGHTS, JUDGED = ("learned", "paper"), ("learned", "voting")
 
 
 class Matcher:
@@ -23,7 +24,7 @@ class Matcher:
         self._method = method
 
     @staticmethod
-    def load(method: str = "learned") -> "Matcher":
+    def load(method: str = "learned", judge: bool = False) -> "Matcher":
         """Loads a matching method by name.
 
         Args:
@@ -35,6 +36,8 @@ class Matcher:
                 `combinatorial`: the search of iS-Graphs, which ends after 60 s at most.
                 `NAME@WEIGHTS` loads other weights than those that come with the package: a file, for example
                 `learned@my_network/learned.onnx`; for `paper` also `published` (the default) or `repository`.
+            judge: Whether the learned judge gives the probabilities of `learned` and `voting`, instead of the evidence
+                alone.
 
         Returns:
             A matcher. It may be used for any number of graphs; what it computes for the last few plans is cached.
@@ -45,8 +48,8 @@ class Matcher:
         """
         name, _, weights = method.partition("@")
         methods: dict[str, Callable[[], Method]] = {
-            "voting": _voting,
-            "learned": lambda: _learned(weights or None),
+            "voting": lambda: _voting(judge),
+            "learned": lambda: _learned(weights or None, judge),
             "paper": lambda: _paper(weights or "published"),
             "combinatorial": CombinatorialMatcher,
         }
@@ -54,6 +57,8 @@ class Matcher:
             raise UserError(f"no matching method '{name}'; there are: {', '.join(methods)}")
         if weights and name not in WITH_WEIGHTS:
             raise UserError(f"the matching method '{name}' takes no weights; {', '.join(WITH_WEIGHTS)} do")
+        if judge and name not in JUDGED:
+            raise UserError(f"answers of '{name}' cannot be judged; those of {' and '.join(JUDGED)} can")
         return Matcher(methods[name]())
 
     def match(
@@ -82,13 +87,13 @@ class Matcher:
         return self._method.match(s, a, floor=floor, start=start)
 
 
-def _voting() -> Method:
+def _voting(judge: bool) -> Method:
     from matching.engine import GeometricMatcher  # compiled loops are slow to import
 
-    return GeometricMatcher()
+    return GeometricMatcher(judge=_judge(judge))
 
 
-def _learned(weights: str | None) -> Method:
+def _learned(weights: str | None, judge: bool) -> Method:
     """The network alone may mistake one of several equal rooms for another, and the corners see them all."""
     from matching.engine import GeometricMatcher, Scene, TopK, among
     from matching.proposals.learned import LearnedProposer
@@ -98,7 +103,13 @@ def _learned(weights: str | None) -> Method:
     def proposed(s: SceneGraph, a: SceneGraph, scene: Scene) -> TopK:
         return among(network.propose(s, a, scene.s), scene.plan)
 
-    return GeometricMatcher(proposed)
+    return GeometricMatcher(proposed, _judge(judge))
+
+
+def _judge(wanted: bool) -> "Judge | None":
+    from matching.judge import Judge
+
+    return Judge.load() if wanted else None
 
 
 def _paper(weights: str) -> Method:

@@ -29,7 +29,7 @@ from data.geometry.se2 import Array, fit_to_lines
 from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface, Xy
 from data.synthetic_maps.exploration import Index, Storey, Walk, storeys_of, walk
 from data.synthetic_maps.room_noise import MapRooms, mis_segmented, rooms_as_entered, some_doors_missed, true_rooms
-from data.synthetic_maps.wall_noise import ObservedWalls, observe_walls
+from data.synthetic_maps.wall_noise import USUAL, NoiseLevels, ObservedWalls, observe_walls
 
 NOISE_MODELS = ("paper", "real", "drift", "mis_segmented", "heavy_drift")
 DRIFT_YAW, DRIFT_XY = float(np.radians(1.5)), 0.15  # sigmas of each step from room to room: rad; m along each axis
@@ -69,10 +69,11 @@ def draw(
     rng: np.random.Generator,
     rooms: int | None = None,
     floor: str | None = None,
+    levels: NoiseLevels = USUAL,
 ) -> DrawnGraph:
     """Draws an S-graph of one floor of an A-graph with one of NOISE_MODELS.
 
-    `rooms` is the number of rooms to explore, None for the whole floor;
+    `levels` change all noise models but `paper`. `rooms` is the number of rooms to explore, None for the whole floor;
     fewer are explored if fewer are connected. Rooms without any observation are not in the S-graph. `paper` drops its
     own share of rooms and ignores `rooms`. With `floor` None the floor is drawn among those whose rooms have wall
     surfaces. The same generator state gives the same graph.
@@ -84,7 +85,10 @@ def draw(
         raise UserError(f"no noise model '{noise}' of S-graphs; there are: {', '.join(NOISE_MODELS)}")
     storey = _choose(a, floor, rng)
     while True:  # of a small part of a plan it may happen that nothing is seen
-        drawn = _paper(storey, rng) if noise == "paper" else draw_walk(storey, walk(storey, rng, rooms), noise, rng)
+        if noise == "paper":
+            drawn = _paper(storey, rng)
+        else:
+            drawn = draw_walk(storey, walk(storey, rng, rooms), noise, rng, levels)
         if drawn.rooms:
             return drawn
 
@@ -112,22 +116,24 @@ def _paper(storey: Storey, rng: np.random.Generator) -> DrawnGraph:
     return _built(storey, map_rooms, motions, rng, False, place)
 
 
-def draw_walk(storey: Storey, walked: Walk, noise: str, rng: np.random.Generator) -> DrawnGraph:
+def draw_walk(
+    storey: Storey, walked: Walk, noise: str, rng: np.random.Generator, levels: NoiseLevels = USUAL
+) -> DrawnGraph:
     """Draws the S-graph of a walk through a storey; rooms without any observation are not in it.
 
     Raises UserError for an unknown noise model, and for `paper`, which has no walk.
     """
     if noise not in NOISE_MODELS[1:]:
         raise UserError(f"no noise model '{noise}' of S-graphs of a walk; there are: {', '.join(NOISE_MODELS[1:])}")
-    map_rooms = rooms_as_entered(storey, walked, observe_walls(storey, np.array(walked.rooms), rng))
+    map_rooms = rooms_as_entered(storey, walked, observe_walls(storey, np.array(walked.rooms), rng, levels))
     map_rooms = some_doors_missed(map_rooms, rng)
     deformed = noise != "real"
     if noise == "mis_segmented":
-        map_rooms = mis_segmented(map_rooms, walked, rng)
+        map_rooms = mis_segmented(map_rooms, walked, rng, levels)
     start = storey.somewhere_in(walked.rooms[0], rng)
     yaw = rng.uniform(-np.pi, np.pi)
     T_map_a = np.array([yaw, *se2.rotate(yaw, -start)])
-    factor = HEAVY_DRIFT if noise == "heavy_drift" else 1.0
+    factor = levels.sigma * (HEAVY_DRIFT if noise == "heavy_drift" else 1.0)
     motions = _drifted(storey, walked, T_map_a, factor, rng) if deformed else dict.fromkeys(walked.rooms, T_map_a)
     return _built(storey, map_rooms, motions, rng, deformed)
 

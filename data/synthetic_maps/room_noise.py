@@ -7,11 +7,9 @@ import numpy as np
 from data.geometry import se2
 from data.geometry.se2 import Array
 from data.synthetic_maps.exploration import Index, Storey, Walk
-from data.synthetic_maps.wall_noise import SHORTEST, ObservedWalls, joined
+from data.synthetic_maps.wall_noise import SHORTEST, USUAL, NoiseLevels, ObservedWalls, joined
 
 DOOR_MISSING = 0.1
-ALTERED = 0.1  # of the rooms, that are merged or split
-ASTRAY = 0.1  # of the surfaces, that lose their room
 LEAST_CUT = 2.0  # m; shorter rooms are not split
 
 
@@ -49,11 +47,11 @@ def some_doors_missed(map_rooms: MapRooms, rng: np.random.Generator) -> MapRooms
     return replace(map_rooms, doors=tuple(d for d in map_rooms.doors if rng.random() >= DOOR_MISSING))
 
 
-def mis_segmented(map_rooms: MapRooms, walk: Walk, rng: np.random.Generator) -> MapRooms:
+def mis_segmented(map_rooms: MapRooms, walk: Walk, rng: np.random.Generator, levels: NoiseLevels = USUAL) -> MapRooms:
     """Merges rooms with a neighbour or splits them, each at most once; some surfaces lose their room."""
     count = len(walk.rooms)
     altered: set[int] = set()
-    for n in np.flatnonzero(rng.random(count) < ALTERED).tolist():
+    for n in np.flatnonzero(rng.random(count) < levels.altered).tolist():
         near = [k for k in _beside(walk, n) if k not in altered]
         if n in altered:
             continue
@@ -65,7 +63,7 @@ def mis_segmented(map_rooms: MapRooms, walk: Walk, rng: np.random.Generator) -> 
             map_rooms = _cut(map_rooms, n, count, rng)
             count += 1
             altered.add(n)
-    home = np.where(rng.random(len(map_rooms.home)) < ASTRAY, -1, map_rooms.home)
+    home = np.where(rng.random(len(map_rooms.home)) < levels.astray, -1, map_rooms.home)
     return replace(map_rooms, home=home)
 
 

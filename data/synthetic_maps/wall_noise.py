@@ -21,10 +21,32 @@ SHORTEST = 0.35  # m; shorter walls are not observed
 MISSING = 0.1  # of the walls
 IN_PIECES = 0.1  # of the walls that are long enough
 WIDEST_GAP = 0.6  # m between two pieces
+MOST_HIDDEN = 0.6  # of a wall whose end is hidden
 CLUTTER = 0.1  # surfaces that are no wall, for each wall
 LONGEST_CLUTTER = 3.0  # m
 BEFORE_WALL = 0.3  # m: least depth of a cupboard
 SIGMA_SKEW = float(np.radians(2.0))  # of clutter, to the walls
+
+
+@dataclass(frozen=True)
+class NoiseLevels:
+    """How noisy a map is beside the project's noise models, which are the defaults.
+
+    `sigma` multiplies all standard deviations, drift included. `missing`, `in_pieces` and `cut_short` are shares of the
+    walls: not seen, in two pieces, or with one end hidden; `clutter` are surfaces for each wall. `altered` is the share
+    of rooms that `mis_segmented` merges or splits, `astray` that of the surfaces whose room it loses.
+    """
+
+    sigma: float = 1.0
+    missing: float = MISSING
+    in_pieces: float = IN_PIECES
+    cut_short: float = 0.0
+    clutter: float = CLUTTER
+    altered: float = 0.1
+    astray: float = 0.1
+
+
+USUAL = NoiseLevels()
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,34 +72,41 @@ def joined(parts: list[ObservedWalls]) -> ObservedWalls:
     return ObservedWalls(*map(np.concatenate, zip(*(part._columns() for part in parts), strict=True)))
 
 
-def observe_walls(storey: Storey, rooms: Index, rng: np.random.Generator) -> ObservedWalls:
+def observe_walls(storey: Storey, rooms: Index, rng: np.random.Generator, levels: NoiseLevels = USUAL) -> ObservedWalls:
     """Draws the surfaces that a robot maps in some rooms, including clutter."""
     walls = np.concatenate([storey.walls_of[k] for k in rooms.tolist()])
-    clutter = _clutter(storey, walls[rng.random(len(walls)) < CLUTTER], rng)
-    walls = walls[rng.random(len(walls)) >= MISSING]
+    clutter = _clutter(storey, walls[rng.random(len(walls)) < levels.clutter], rng)
+    walls = walls[rng.random(len(walls)) >= levels.missing]
     length = storey.length[walls]
-    cut = (rng.random(len(walls)) < IN_PIECES) & (length > 2 * SHORTEST + 0.2)
+    cut = (rng.random(len(walls)) < levels.in_pieces) & (length > 2 * SHORTEST + 0.2)
     gap = np.minimum(rng.uniform(0.1, WIDEST_GAP, len(walls)), length - 2 * SHORTEST)
-    low, high = -length / 2 + rng.normal(0, SIGMA_END, len(walls)), length / 2 + rng.normal(0, SIGMA_END, len(walls))
+    sigma = levels.sigma * SIGMA_END
+    low, high = -length / 2 + rng.normal(0, sigma, len(walls)), length / 2 + rng.normal(0, sigma, len(walls))
+    if levels.cut_short:
+        hidden = (rng.random(len(walls)) < levels.cut_short) * rng.uniform(0, MOST_HIDDEN, len(walls)) * length
+        first = rng.random(len(walls)) < 0.5
+        low, high = np.where(first, low + hidden, low), np.where(first, high, high - hidden)
     middle = rng.uniform(-0.5, 0.5, len(walls)) * (length - gap - 2 * SHORTEST)
     last = walls[cut], (middle + gap / 2)[cut], high[cut]
     high = np.where(cut, middle - gap / 2, high)
     unknown = np.isnan(length)  # only the middle slides
-    slide = rng.normal(0, SIGMA_END / np.sqrt(2), len(walls))
+    slide = rng.normal(0, sigma / np.sqrt(2), len(walls))
     low, high = np.where(unknown, slide, low), np.where(unknown, slide, high)
     walls, low, high = (np.concatenate(c) for c in zip((walls, low, high), last, strict=True))
-    return joined([_observed(storey, walls, low, high, rng), clutter])
+    return joined([_observed(storey, walls, low, high, levels.sigma, rng), clutter])
 
 
-def _observed(storey: Storey, wall: Index, low: Array, high: Array, rng: np.random.Generator) -> ObservedWalls:
+def _observed(
+    storey: Storey, wall: Index, low: Array, high: Array, factor: float, rng: np.random.Generator
+) -> ObservedWalls:
     """Parts of walls from `low` to `high` along their tangents, shifted across and tilted."""
     unknown = np.isnan(storey.half[wall])
     kept = unknown | (high - low >= SHORTEST)
     wall, low, high, unknown = wall[kept], low[kept], high[kept], unknown[kept]
-    across = rng.normal(0, SIGMA_ACROSS, len(wall))
+    across = rng.normal(0, factor * SIGMA_ACROSS, len(wall))
     centre = storey.centre[wall] + ((low + high) / 2)[:, None] * storey.tangent[wall]
     centre += across[:, None] * storey.normal[wall]
-    heading = storey.heading[wall] + rng.normal(0, SIGMA_TILT, len(wall))
+    heading = storey.heading[wall] + rng.normal(0, factor * SIGMA_TILT, len(wall))
     return ObservedWalls(centre, heading, np.where(unknown, np.nan, high - low) / 2, wall, storey.room[wall])
 
 

@@ -1,7 +1,7 @@
-"""The methods that are compared: those of `Matcher`, and one that only serves the comparison.
+"""The methods that are compared: those of `Matcher`, and two that serve the comparison.
 
-`oracle` is `learned` that knows the storey, and the place to within 3 m: what it misses is lost in the
-noise of the walls, not in the search.
+`judged` is `learned` with the judge of places. `oracle` is `learned` that knows the storey, and the place to within
+3 m: what it misses is lost in the noise of the walls, not in the search.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from evaluation.matching.pairs import NEGATIVE, PERTURBED, PUBLISHED, PUBLISHED_
 from matching import Matcher, MatchResult
 from matching.matcher import make_ready
 
-ORACLE = "oracle"
+JUDGED, ORACLE = "judged", "oracle"
 COMBINATORIAL = "combinatorial"
 PAPER = ("paper@published", "paper@repository")
 ALL = ("learned", "voting", ORACLE, *PAPER, COMBINATORIAL)
@@ -31,7 +31,7 @@ def applies(method: str, regime: str) -> bool:
 @lru_cache(maxsize=8)
 def matcher_named(name: str) -> Matcher:
     """The matcher of this name. Raises UserError for an unknown one."""
-    return Matcher.load("learned" if name == ORACLE else name)
+    return Matcher.load("learned" if name in (JUDGED, ORACLE) else name, name == JUDGED)
 
 
 @lru_cache(maxsize=8)

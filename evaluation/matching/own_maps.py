@@ -20,29 +20,27 @@ NEVER = MatchResult("none", "maps are only recorded")
 
 
 class Recorder:
-    """A matcher that finds no match, so that no map is anchored. It keeps the first S-graph of each number of rooms and
-    the last one."""
+    """A matcher that finds no match, so that no map is anchored; `every` are the S-graphs that it was asked about."""
 
     def __init__(self) -> None:
-        self._first: dict[int, SceneGraph] = {}
-        self._last: SceneGraph | None = None
+        self.every: list[SceneGraph] = []
 
     def match(self, s: SceneGraph, a: SceneGraph) -> MatchResult:
         """Keeps the S-graph, but not the mirror image that a run matches too; never a match."""
-        if s.frame.endswith(MIRRORED):
-            return NEVER
-        self._last = s
-        if s.rooms:
-            self._first.setdefault(len(s.rooms), s)
+        if not s.frame.endswith(MIRRORED):
+            self.every.append(s)
         return NEVER
 
     @property
     def maps(self) -> list[SceneGraph]:
-        """Those with enough walls, in order of time."""
-        every = list(self._first.values())
-        if self._last is not None and all(one is not self._last for one in every):
-            every.append(self._last)
-        return [replace(one, keyframes=()) for one in every if len(one.wall_surfaces) >= LEAST_WALLS]
+        """The first S-graph of each number of rooms, and the last one; those with enough walls, in order of time."""
+        first: dict[int, SceneGraph] = {}
+        for s in self.every:
+            if s.rooms:
+                first.setdefault(len(s.rooms), s)
+        chosen = [*first.values(), *self.every[-1:]]
+        distinct = {id(s): s for s in chosen}.values()
+        return [replace(one, keyframes=()) for one in distinct if len(one.wall_surfaces) >= LEAST_WALLS]
 
 
 def own_maps(case: DriveCase, work: Path) -> tuple[list[DrawnGraph], SceneGraph]:

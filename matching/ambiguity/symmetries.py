@@ -63,7 +63,7 @@ def symmetries(seen: SceneGraph, plan: PlanWalls) -> list[Symmetry]:
     storey = np.concatenate((truth.fields.storey, placed.fields.storey))
     fields = Fields(storey, np.concatenate((truth.fields.state, placed.fields.state)))
     table = np.concatenate((truth.table, placed.table))
-    score = evidence(scene, fields, table, Chance.of(scene, fields, table), NOISE)
+    score = evidence(scene, fields, table, Chance.of(scene, fields, table), NOISE).total
     nats = score[0] - score
     near = rigid(scene, fields, explained(scene, table, fields.state, SIGMA_SCORE))
     order = np.array([0, *(1 + np.argsort(nats[1:], kind="stable"))])

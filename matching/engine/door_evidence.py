@@ -29,15 +29,15 @@ def door_evidence(scene: Scene, fields: Fields, homes: Index) -> Array:
     nats, own = [], scene.doors
     for k, storey in enumerate(fields.storey.tolist()):
         plan, rooms = scene.plan.doors[storey], len(scene.plan.storeys[storey].rooms)
-        placed = _placed(fields.state[k], scene.groups.centre, scene.group_of_room, own.place, own.rooms)
-        nats.append(_of_one(placed, own.rooms, homes[k], plan.place, plan.rooms, rooms))
+        nats.append(_of_one(placed_doors(scene, fields.state[k]), own.rooms, homes[k], plan.place, plan.rooms, rooms))
     return np.array(nats)
 
 
-def _placed(state: Array, centre: Array, group_of_room: Index, place: Array, rooms: Index) -> Array:
-    """(D, 2) the map's doors, placed by the mean motion of their rooms (D, 2) in a field (G, 3)."""
-    group, known = group_of_room[rooms], rooms >= 0
-    placed = se2.rotate(state[group, 0], place[:, None] - centre[group]) + state[group, 1:]
+def placed_doors(scene: Scene, state: Array) -> Array:
+    """(D, 2) the map's doors, placed by the mean motion of their rooms in a field (G, 3)."""
+    doors = scene.doors
+    group, known = scene.group_of_room[doors.rooms], doors.rooms >= 0
+    placed = se2.rotate(state[group, 0], doors.place[:, None] - scene.groups.centre[group]) + state[group, 1:]
     share = known / np.maximum(known.sum(axis=1, keepdims=True), 1)
     return np.asarray((share[..., None] * placed).sum(axis=1))
 

@@ -67,17 +67,38 @@ class Chance:
         return Chance(storey, int(explained.argmax()))
 
 
-def evidence(scene: Scene, fields: Fields, table: Index, chance: Chance, noise: Noise = UNKNOWN) -> Array:
-    """(K,) nats, comparable between all fields of a scene."""
+@dataclass(frozen=True)
+class Terms:
+    """The terms (K,) of the evidence of K fields in nats, and what they follow from."""
+
+    walls: Array
+    each: Array  # (K, Ns) nats of each S wall, at the noise that explains its map best
+    seen: Array  # for planned walls that the map has or lacks
+    doors: Array
+    bending: Array  # what the field pays
+    now: Judged
+    homes: Index  # (K, R)
+
+    @property
+    def total(self) -> Array:
+        """(K,) the evidence."""
+        return np.asarray(self.walls + self.seen + (self.doors - self.bending))
+
+
+def evidence(scene: Scene, fields: Fields, table: Index, chance: Chance, noise: Noise = UNKNOWN) -> Terms:
+    """Returns the evidence of fields, comparable between all fields of a scene."""
     now = judge(scene, table, fields.state, SIGMA_SCORE)
     home = homes(scene, table, now.quality)
-    walls = _of_walls(scene, fields, table, now, home, chance, noise)
+    nats = _of_walls(scene, fields, table, now, home, chance, noise)
+    total = nats.sum(axis=1)
+    each = np.take_along_axis(nats, total.argmax(axis=1)[:, None, None], axis=2)[..., 0]
+    walls = np.logaddexp.reduce(total, axis=1) - np.log(total.shape[1])
     seen = []
     for k, storey in enumerate(fields.storey.tolist()):
-        a, first = scene.plan.storeys[storey], int(scene.plan.first[storey])
-        seen.append(_completeness(a.half, a.room, len(a.rooms), table[k], first, now.quality[k], home[k]))
-    rest = door_evidence(scene, fields, home) - 0.5 * bending(scene, fields)
-    return np.asarray(walls + np.array(seen) + rest)
+        a, is_seen = scene.plan.storeys[storey], seen_walls(scene, storey, table[k], now.quality[k])
+        seen.append(_completeness(a.half, a.room, len(a.rooms), is_seen, home[k]))
+    doors = door_evidence(scene, fields, home)
+    return Terms(walls, each, np.array(seen), doors, 0.5 * bending(scene, fields), now, home)
 
 
 def bending(scene: Scene, fields: Fields) -> Array:
@@ -120,14 +141,13 @@ def _homes_of(
 def _of_walls(
     scene: Scene, fields: Fields, table: Index, now: Judged, homes: Index, chance: Chance, noise: Noise
 ) -> Array:
-    """(K,) nats of all S walls, marginalised over the noise."""
+    """(K, Ns, precisions) nats of the S walls."""
     s, plan = scene.s, scene.plan
     met = _met(scene, fields, chance)
-    nats = _nats(
+    return np.asarray(_nats(
         s.half, s.known, s.room, plan.half, plan.known, plan.room, table, now.beside, now.across, now.along,
         now.turned, met, homes, noise.sigmas, noise.ends,
-    )  # fmt: skip
-    return np.asarray(np.logaddexp.reduce(nats, axis=1) - np.log(nats.shape[1]))
+    ))  # fmt: skip
 
 
 @compiled
@@ -136,10 +156,10 @@ def _nats(
     table: Index, beside: Array, across: Array, along: Array, turned: Array, met: Array, home: Index,
     sigmas: Array, ends: Array,
 ) -> Array:  # fmt: skip
-    """(K, precisions) nats of all S walls; a room's walls are those of one A room."""
+    """(K, Ns, precisions) nats of the S walls; a room's walls are those of one A room."""
     fields, walls, width = table.shape
     precisions = len(sigmas) * len(ends)
-    total, density, best = np.zeros((fields, precisions)), np.empty(precisions), np.empty(precisions)
+    nats, density, best = np.empty((fields, walls, precisions)), np.empty(precisions), np.empty(precisions)
     for k in range(fields):
         for i in range(walls):
             best[:] = 0.0
@@ -157,8 +177,8 @@ def _nats(
                     best[n] = max(best[n], ratio * density[n])
             other = min(max(NOT_IN_PLAN / (2 * half[i]), NOT_IN_PLAN_BOUNDS[0]), NOT_IN_PLAN_BOUNDS[1])
             for n in range(precisions):
-                total[k, n] += np.log((1 - other) * best[n] + other)
-    return total
+                nats[k, i, n] = np.log((1 - other) * best[n] + other)
+    return nats
 
 
 @compiled
@@ -200,15 +220,18 @@ def _met(scene: Scene, fields: Fields, chance: Chance) -> Array:
     return np.asarray(np.maximum(met / a.building_areas[chance.building], LEAST_DENSITY))
 
 
-def _completeness(
-    half: Array, a_room: Index, rooms: int, table: Index, first: int, quality: Array, home: Index
-) -> float:
+def seen_walls(scene: Scene, storey: int, table: Index, quality: Array) -> NDArray[np.bool_]:
+    """(walls of the storey,) whether each is a partner of an S wall; `table` and `quality` (Ns, P) are of one field."""
+    seen = np.zeros(len(scene.plan.storeys[storey]), dtype=np.bool_)
+    seen[table[quality > SEEN] - int(scene.plan.first[storey])] = True
+    return seen
+
+
+def _completeness(half: Array, a_room: Index, rooms: int, seen: NDArray[np.bool_], home: Index) -> float:
     """Nats for the A walls of one storey that the map should have: those of A rooms with most walls of some S room.
 
     An A room was either entered, so that most of its walls are observed, or seen through a door.
     """
-    seen = np.zeros(len(half), dtype=np.bool_)
-    seen[table[quality > SEEN] - first] = True
     expected = (2 * half > SHOWN) & (a_room >= 0)
     of_map = np.unique(home[home >= 0])
     found = np.bincount(a_room[expected & seen], minlength=rooms)[of_map]

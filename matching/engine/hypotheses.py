@@ -144,7 +144,7 @@ def polished(scene: Scene, begin: GuidedFields, sigmas: Array) -> GuidedFields:
 def _scored(scene: Scene, grown: GuidedFields, chance: Chance) -> Hypotheses:
     fields, table = grown.fields, grown.table
     near = rigid(scene, fields, explained(scene, table, fields.state, SIGMA_SCORE))
-    score = evidence(scene, fields, table, chance)
+    score = evidence(scene, fields, table, chance).total
     return _distinct(Hypotheses(scene, fields, table, score, near))
 
 

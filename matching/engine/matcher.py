@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from data.geometry.se2 import Array
 from data.scene_graph import SceneGraph
 from matching.arrays import PlanCache
 from matching.engine.assignment import Pairs, assign
@@ -16,19 +17,20 @@ from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
 from matching.engine.proposals import TopK
 from matching.engine.room_signs import room_signs
-from matching.engine.verdict import SURE, shipped, verify
+from matching.engine.verdict import SURE, Signs, shipped, verify
 from matching.result import Hypothesis, MatchResult, Start, near_start
 
 LISTED = 10  # hypotheses in the result, at most
 Proposer = Callable[[SceneGraph, SceneGraph, Scene], TopK]  # of a map, a plan and both as arrays: walls of `scene.plan`
+PlaceJudge = Callable[[Hypotheses, Signs], Array]  # (K,) the probability of each hypothesis
 
 
 class GeometricMatcher:
     """Implements `Matcher.match`, by the map's corners and by proposed pairs of any source, or without; the map may
-    deform from room to room."""
+    deform from room to room. Without a `judge` the evidence alone gives the probabilities."""
 
-    def __init__(self, proposer: Proposer | None = None) -> None:
-        self._propose = proposer
+    def __init__(self, proposer: Proposer | None = None, judge: PlaceJudge | None = None) -> None:
+        self._propose, self._judge = proposer, judge
         self._plan = PlanCache(PlanWalls.of)
 
     def match(
@@ -44,7 +46,7 @@ class GeometricMatcher:
 
         found = search(scene, self._propose and self._propose(s, a, scene), allowed)
         if len(found):
-            return answer(found, began, start is not None)
+            return answer(found, began, start is not None, self._judge)
         near = "" if start is None else " near the start that was given (its yaw is in radians)"
         reason = f"no wall corner of the map matches one in the plan{near}"
         return MatchResult("none", reason, seconds=time.perf_counter() - began)
@@ -56,14 +58,18 @@ def among(proposals: TopK, plan: PlanWalls) -> TopK:
     return TopK(partner, np.where(partner >= 0, proposals.score, 0.0))
 
 
-def answer(found: Hypotheses, began: float, near_start: bool = False) -> MatchResult:
+def answer(found: Hypotheses, began: float, near_start: bool = False, judging: PlaceJudge | None = None) -> MatchResult:
     """Returns the result of hypotheses, best first; at least one. `near_start`: see `verify`."""
-    s = found.scene.s
+    s, judged = found.scene.s, None
+    if judging is not None:
+        judged = judging(found, Signs.of(found, near_start))
+        order = np.argsort(-judged, kind="stable")
+        found, judged = found[order], judged[order]
     pairs, of = assign(found, 0), shipped()
     # A room of a map that deforms may lie on its neighbour of the plan: only what is sure is named.
     named = zip(pairs.rooms, of.of_rooms(room_signs(found, pairs.rooms)), strict=True)
     pairs = Pairs(tuple((r, q, known) for (r, q, _), known in named if known >= SURE), pairs.surfaces)
-    verdict = verify(found, pairs, near_start)
+    verdict = verify(found, pairs, near_start, judged)
     hypotheses, listed = [], found[np.arange(min(len(found), LISTED))]
     now = judge(found.scene, listed.table, listed.fields.state, SIGMA_SCORE)
     for k, home in enumerate(homes(found.scene, listed.table, now.quality).tolist()):

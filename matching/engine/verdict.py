@@ -122,12 +122,15 @@ class Signs:
         return Signs(tuple(found.score.tolist()), share * len(s), float(np.log(len(s))), places)
 
 
-def verify(found: Hypotheses, pairs: Pairs, near_start: bool = False) -> Verdict:
+def verify(found: Hypotheses, pairs: Pairs, near_start: bool = False, judged: Array | None = None) -> Verdict:
     """Returns the verdict on hypotheses, best first, at least one; `pairs` are the matches of the first. `near_start`:
-    a start was given, and they were looked for only there."""
+    a start was given, and they were looked for only there. `judged` (K,) are their probabilities by a judge."""
     signs, model = Signs.of(found, near_start), shipped()
-    own, among = matched(pairs, len(found.scene.s)), model.among(signs)
-    in_plan = model.in_plan(signs) if len(pairs.surfaces) >= LEAST_SURFACES else 0.0
+    own, among, in_plan = matched(pairs, len(found.scene.s)), model.among(signs), model.in_plan(signs)
+    if judged is not None:
+        in_plan = float(judged.sum())
+        among = judged / max(in_plan, 1e-12)
+    in_plan = in_plan if len(pairs.surfaces) >= LEAST_SURFACES else 0.0
     probabilities, unit = tuple((in_plan * among).tolist()), model.temperature(signs, is_mirrored=True)
     if probabilities[0] >= SURE:
         return Verdict("unique", f"{own}; no other place explains the map nearly as well", probabilities, unit)

@@ -48,6 +48,7 @@ MISLABELLED = (
 )
 APART = 0.9  # probability of the best hypothesis among all: of such maps, those in the plan are fitted
 RIDGE = 1e-4  # of the standardised coefficients
+Surfaces = tuple[tuple[float, bool], ...]  # shares of a hypothesis' pairs of surfaces, and whether they are true
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class Answer:
     signs: Signs
     right: tuple[bool, ...]
     rooms: tuple[tuple[list[float], bool], ...]
-    surfaces: tuple[tuple[float, bool], ...]
+    surfaces: Surfaces
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -85,7 +86,7 @@ def answers_on(count: int, seed: int, split: Split = "train") -> Iterator[Answer
         plan, other = (generated(kind, int(rng.choice(seeds[kind]))).graph for _ in range(2))
         rooms = ROOMS[int(rng.integers(len(ROOMS)))]
         drawn = draw(other if regime == "foreign" else plan, str(rng.choice(NOISE)), rng, rooms)
-        walls = PlanWalls.of(_thinned(plan, rng) if regime == "thinned" else plan)
+        walls = PlanWalls.of(thinned(plan, rng) if regime == "thinned" else plan)
         if (regime == "foreign" and other is plan) or walls is None:
             continue
         found = search(scene_of(drawn.s_graph, walls))
@@ -94,7 +95,7 @@ def answers_on(count: int, seed: int, split: Split = "train") -> Iterator[Answer
             yield _answer(found, drawn, regime)
 
 
-def _thinned(plan: SceneGraph, rng: np.random.Generator) -> SceneGraph:
+def thinned(plan: SceneGraph, rng: np.random.Generator) -> SceneGraph:
     """The plan without some of its walls."""
     kept = rng.random(len(plan.wall_surfaces)) >= rng.uniform(*THINNED)
     return replace(plan, wall_surfaces=tuple(w for w, keep in zip(plan.wall_surfaces, kept, strict=True) if keep))
@@ -104,12 +105,8 @@ def _answer(found: Hypotheses, truth: DrawnGraph, regime: str) -> Answer:
     if regime == "foreign":
         return Answer(regime, Signs.of(found), (False,) * len(found), (), ())
     pairs = [assign(found, k) for k in range(min(len(found), COMPARED))]
-    surfaces = [_surfaces(found, k, pairs[k], truth) for k in range(len(pairs))]
-    near = _is_near(found, truth)
-    right = tuple(
-        near[k] or (len(walls) > 0 and sum(true for _, true in walls) > RIGHT * len(walls))
-        for k, walls in enumerate(surfaces)
-    )
+    surfaces = [surfaces_of(found, k, pairs[k], truth) for k in range(len(pairs))]
+    right = right_of(found, truth, surfaces)
     if not right[0] or regime != "whole":
         return Answer(regime, Signs.of(found), right, (), ())
     s, a = found.scene.s, found.scene.plan.storeys[int(found.fields.storey[0])]
@@ -118,16 +115,25 @@ def _answer(found: Hypotheses, truth: DrawnGraph, regime: str) -> Answer:
     return Answer(regime, Signs.of(found), right, tuple(zip(signs, true, strict=True)), surfaces[0])
 
 
-def _is_near(found: Hypotheses, truth: DrawnGraph) -> list[bool]:
-    """Whether each hypothesis is near the true place; of a map that deforms many walls may be a neighbour's."""
-    middle, true = np.array(truth.s_graph.centroid()), np.array(truth.T_a_s)
+def right_of(found: Hypotheses, truth: DrawnGraph, surfaces: Sequence[Surfaces]) -> tuple[bool, ...]:
+    """Whether each hypothesis with these pairs is right: of a map that deforms many walls may be a neighbour's."""
+    near = is_near(found, truth.s_graph, np.array(truth.T_a_s), truth.floor)
+    return tuple(
+        near[k] or (len(walls) > 0 and sum(true for _, true in walls) > RIGHT * len(walls))
+        for k, walls in enumerate(surfaces)
+    )
+
+
+def is_near(found: Hypotheses, s: SceneGraph, true: Array, floor: str | None) -> list[bool]:
+    """Whether each hypothesis is near the true place (3,) of a map."""
+    middle = np.array(s.centroid())
     off = np.linalg.norm(se2.apply(found.between_graphs, middle) - se2.apply(true, middle), axis=-1)
     turn = np.abs(se2.wrap(found.between_graphs[:, 0] - true[0]))
-    floors = [found.scene.plan.storeys[int(k)].floor == truth.floor for k in found.fields.storey]
+    floors = [floor in (None, found.scene.plan.storeys[int(k)].floor) for k in found.fields.storey]
     return [bool(near) for near in (off < RIGHT_M) & (turn < RIGHT_RAD) & np.array(floors)]
 
 
-def _surfaces(found: Hypotheses, k: int, pairs: Pairs, truth: DrawnGraph) -> tuple[tuple[float, bool], ...]:
+def surfaces_of(found: Hypotheses, k: int, pairs: Pairs, truth: DrawnGraph) -> Surfaces:
     """The shares of a hypothesis' pairs of surfaces, and whether they are true."""
     s, a = found.scene.s, found.scene.plan.storeys[int(found.fields.storey[k])]
     return tuple((c, truth.wall_surfaces.get(s.ids[i]) == a.ids[j]) for i, j, c in pairs.surfaces)

@@ -223,6 +223,13 @@ class MatchingSettings(Settings):
 
     method: str = "learned"
     """name of the matcher, such as learned or voting"""
+    judge: Literal["none", "learned"] = "none"
+    """what tells how probable each place is: the evidence alone, or the learned judge of places"""
+
+    @property
+    def judged(self) -> bool:
+        """Whether places are judged."""
+        return self.judge == "learned"
 
 
 class Config(Settings):

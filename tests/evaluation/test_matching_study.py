@@ -16,7 +16,8 @@ from data.common.files import write_json
 from data.geometry import se2
 from data.plans import Plan
 from data.synthetic_maps.noise_models import draw
-from evaluation.drive import DriveCase
+from evaluation.drive import DriveCase, drive_of
+from evaluation.maps import written
 from evaluation.matching.methods import trained_on
 from evaluation.matching.own_maps import own_maps
 from evaluation.matching.pairs import Candidate, KnownMap, MatchCase, described, known_maps, pairs_of_cell
@@ -27,6 +28,7 @@ from evaluation.rows import Provenance, Row
 from evaluation.studies.matching import STUDY, Choice, cases, measure
 from evaluation.tables import frame
 from matching import MatchResult
+from matching.training.judge_data import MapInPlan
 
 SEEDS = (3, 4, 17, 22)  # the first two houses are for training by their names, the others for tests
 WALLS = tuple(WallSurface(name, None, (0.0, 0.0), (1.0, 0.0), 1.0) for name in ("one", "two", "cupboard", "shelf"))
@@ -154,7 +156,11 @@ def test_a_published_map_is_read_with_its_matches_and_mistakes_are_named(folder:
 
 @pytest.mark.long
 def test_the_system_s_own_maps_lie_where_the_truth_says(tmp_path: Path) -> None:
-    drawn, plan = own_maps(DriveCase(building="generated/apartment_902000", seconds=20.0), tmp_path)
+    case = DriveCase(building="generated/apartment_902000", seconds=20.0)
+    drawn, plan = own_maps(case, tmp_path)
     assert drawn and all(one.s_graph.frame == "map" for one in drawn)  # not its mirror image
     assert len(drawn[-1].wall_surfaces) > 0.7 * len(drawn[-1].s_graph.wall_surfaces)
     assert off_the_truth(KnownMap(drawn[-1], plan)) < 0.2
+    kept = [MapInPlan.load(path) for path in written(case, drive_of(case, tmp_path), tmp_path)]
+    assert len(kept) > 2 and {one.floor for one in kept} == {drawn[-1].floor}
+    assert all(np.allclose(one.T_a_s, drawn[-1].T_a_s, atol=0.2) for one in kept)

@@ -20,13 +20,14 @@ HOMES = {"torch": "matching", "ifcopenshell": "data"}
 FLOORS = {  # sub-packages and modules of each package, the lowest first
     "data": "common bags geometry scene_graph trajectory imu scans streams slam_output walls ifc plans datasets "
     "generation simulation synthetic_maps simulate",
-    "matching": "result arrays engine proposals training published combinatorial ambiguity matcher match train",
+    "matching": "result arrays engine judge proposals training published combinatorial ambiguity matcher match train "
+    "train_judge",
     "factors": "noise planes bim anchors",
     "sgslam": "own_packages types config geometry serialization perception inertial surfels registration odometry "
     "mapping backend loops tracking anchoring as_built cloud_to_model session report result slam warm_up "
     "inspection viewer cli run evalio_pipeline live other_slam",
     "evaluation": "metrics study rows tables render running buildings conditions peers variants drive stand_ins "
-    "tracker outcome elements run calibration known_maps matching studies",
+    "tracker outcome elements run calibration known_maps matching maps studies",
 }
 
 

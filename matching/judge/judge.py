@@ -1,0 +1,82 @@
+"""`Judge`: the network that judges placements, in numpy; `matching.training.judge` trains it.
+
+A network on sets (M. Zaheer et al.: Deep Sets, 2017): each token passes a small network, the sums and means over each
+placement's tokens, with its features, another. The result is added to the log odds that the evidence gives. A softmax
+over all placements and "none of them", whose log odds are 0, gives the probabilities.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.errors import UserError
+from data.geometry.se2 import Array
+from matching.engine.hypotheses import Hypotheses
+from matching.engine.verdict import Signs
+from matching.judge.placements import PLACEMENT, SKIPPED, TOKEN, Placements, placements_of
+
+SHIPPED = Path(__file__).parents[1] / "weights" / "judge.safetensors"
+WEIGHTS = ("token_1", "token_2", "features", "head_1", "head_2")  # layers, each a weight (out, in) and a bias (out,)
+SPREAD = 3.0  # by which sums over tokens are divided, beside the root of their number
+
+
+@dataclass(frozen=True)
+class Judge:
+    """The weights by name; log odds are divided by `temperature`, which is fitted to other maps than they are."""
+
+    weights: dict[str, NDArray[np.float32]]
+    temperature: float = 1.0
+
+    @staticmethod
+    def load(path: Path | None = None) -> "Judge":
+        """Reads a judge, or the one that comes with the package. Raises UserError if it cannot be read."""
+        from safetensors import SafetensorError, safe_open
+
+        file = path or SHIPPED
+        if not file.exists():
+            raise UserError(f"the judge's weights are missing: {file}; train them with python -m matching.train_judge")
+        try:
+            with safe_open(file, "numpy") as stored:  # type: ignore[no-untyped-call]
+                weights = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118, it is no mapping
+                temperature = float((stored.metadata() or {}).get("temperature", "1.0"))
+        except SafetensorError as error:
+            raise UserError(f"{file}: no weights of a judge ({error})") from None
+        sizes = weights["token_1.weight"].shape[1:] + weights["features.weight"].shape[1:] if weights else ()
+        if sizes != (len(TOKEN), len(PLACEMENT)):
+            raise UserError(f"{file}: of another judge; train it again with python -m matching.train_judge")
+        return Judge(weights, temperature)
+
+    def __call__(self, found: Hypotheses, signs: Signs) -> Array:
+        """(K,) the probability of each hypothesis, best first by evidence; what lacks to 1 is that of none.
+
+        What the evidence leaves to hypotheses beyond the judged ones stays theirs.
+        """
+        placements = placements_of(found, signs)
+        judged = probabilities(self.logits(placements) / self.temperature)
+        found_any, listed = judged.sum(), 1.0 - placements.unlisted
+        rest = np.array(signs.evidence[len(placements) :])
+        others = np.full(len(rest), found_any * placements.unlisted / max(len(rest), 1))
+        return np.concatenate((judged * listed, others))
+
+    def logits(self, placements: Placements) -> Array:
+        """(K,) log odds of each placement against none."""
+        x = self._layer("token_2", np.maximum(self._layer("token_1", placements.tokens), 0.0))
+        first = np.arange(len(placements))[:, None] == placements.of
+        count = np.maximum(first.sum(axis=1, keepdims=True), 1)
+        total = first.astype(np.float32) @ x
+        features = self._layer("features", placements.features)
+        pooled = np.concatenate((total / np.sqrt(count) / SPREAD, total / count, features), axis=1)
+        head = self._layer("head_2", np.maximum(self._layer("head_1", pooled), 0.0))[:, 0]
+        return np.asarray(head + placements.features[:, :SKIPPED] @ self.weights["skip"], dtype=np.float64)
+
+    def _layer(self, name: str, x: NDArray[np.float32]) -> NDArray[np.float32]:
+        return np.asarray(x @ self.weights[f"{name}.weight"].T + self.weights[f"{name}.bias"], dtype=np.float32)
+
+
+def probabilities(log_odds: Array) -> Array:
+    """(K,) the softmax of log odds (K,) and of 0, that of none."""
+    most = max(float(log_odds.max()), 0.0)
+    likely = np.exp(log_odds - most)
+    return np.asarray(likely / (likely.sum() + np.exp(-most)))
