@@ -121,7 +121,8 @@ class GraphBuilder:
         return turn, float(np.hypot(settings.sigma_wall, turn * aside))
 
     def _plane_noise(self, sigma_normal: float, sigma_offset: float) -> gtsam.noiseModel.Base:
-        return factors.noise_of_plane(sigma_normal, sigma_offset, self._config.backend.huber)
+        # with 1.345 a Huber loss keeps 95 % of the precision where errors are normal (Holland and Welsch 1977)
+        return factors.noise_of_plane(sigma_normal, sigma_offset, 1.345)
 
     def _observation(
         self, seen: SeenWall | SeenLevel, plane: int, anchor: int, sigmas: tuple[float, float]

@@ -175,8 +175,6 @@ class BackendSettings(Settings):
     """m, standard deviation of the floor's offset in a keyframe"""
     sigma_floor_normal: float = Field(0.006, gt=0)
     """rad, standard deviation of the floor's normal in a keyframe"""
-    huber: float = Field(1.345, gt=0)
-    """whitened residual beyond which an observation of a wall, a level or a room counts less (Huber loss)"""
 
 
 class AnchorSettings(Settings):
