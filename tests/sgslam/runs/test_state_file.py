@@ -15,7 +15,7 @@ import pytest
 from data.common.errors import UserError
 from data.common.files import atomic_file
 from sgslam.config import Config
-from sgslam.config.loop_settings import LoopSettings
+from sgslam.config.models import LoopSettings
 from sgslam.registration.window import MotionPrior
 from sgslam.serialization import pack, read_state, unpack, write_state
 from sgslam.types import Motion

@@ -2,6 +2,7 @@
 
 import functools
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from data.scans.point_times import Stamped
 from data.simulation import SpinningSensor
 from data.simulation.sensor import sensor_named
 from sgslam.config import TrackingSettings
-from sgslam.odometry.timed import Kinds, TimedOdometry
+from sgslam.odometry.timed import Kind, TimedOdometry
 from sgslam.perception.point_times import guessed_times
 
 Ints = NDArray[np.int64]
@@ -151,7 +152,7 @@ def test_real_scans_whose_points_were_thinned_by_voxels_are_snapshots() -> None:
     assert odometry.kind == "snapshot"
 
 
-def timed(first: Array, kind: Kinds = "order", stamped: Stamped = "start") -> TimedOdometry:
+def timed(first: Array, kind: Kind | Literal["auto"] = "order", stamped: Stamped = "start") -> TimedOdometry:
     """An odometry that has seen one scan."""
     odometry = TimedOdometry(TrackingSettings(point_times=kind, stamp=stamped))
     odometry.register(10**9, first)
