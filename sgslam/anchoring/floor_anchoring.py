@@ -13,7 +13,7 @@ from sgslam.anchoring.anchor_log import AnchorLog, AnchorStatus, Key
 from sgslam.anchoring.anchored_rooms import anchor_statuses, matched_rooms, planned_walls, room_anchors
 from sgslam.anchoring.commitment import Commitment
 from sgslam.anchoring.floor_matching import FloorMatching
-from sgslam.anchoring.level_alignment import LevelAlignment, align_levels
+from sgslam.anchoring.level_alignment import ALIKE, LevelAlignment, align_levels
 from sgslam.anchoring.place_posterior import Place, differ
 from sgslam.anchoring.plan import Plan
 from sgslam.anchoring.wall_alignment import WallAlignment, align_walls
@@ -25,7 +25,6 @@ Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 _LEAST_SHARE = 0.5  # of the walls, that stand as planned; below, the map is matched again
 _MOVED = 0.15  # m between the back end's place and the one on which most walls agree, which is taken then
-_SAME_LEVEL = 0.03  # m, likewise of heights
 _MIN_WALLS = 4  # walls as planned, for a floor to take over the place of another one
 
 
@@ -206,7 +205,7 @@ class FloorAnchoring:
         moved = self.commitment.replaced or differ(alignment.place, place, scene.graph, _MOVED)
         if T_map_local is not None and heights is not None:
             z = float(inverse(walls.T_level_map @ T_map_local)[2, 3])
-            moved = moved or abs(z - heights.raised) > _SAME_LEVEL
+            moved = moved or abs(z - heights.raised) > ALIKE
         if T_map_local is None or moved:
             T_map_local = inverse(T_local_level @ walls.T_level_map)
         rooms = room_anchors(scene, by_rooms, self.height) if settings.rooms else {}

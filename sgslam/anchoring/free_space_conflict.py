@@ -16,9 +16,8 @@ from data.geometry import se2
 from data.geometry.areas import Area, polygons_of, united
 
 Floats = NDArray[np.float64]
-_STEP = 0.2  # m between the sampled places of a wall
+_STEP = 0.2  # m between the sampled places of a wall, and to a wall of the other map that counts as the same
 _INSIDE = 0.3  # m inside the outline of a room's free space, from which on a wall is in conflict
-_AT = 0.2  # m to a wall of the other map that counts as the same
 _PARALLEL = 0.95  # cosine
 
 
@@ -53,7 +52,7 @@ class _Drawn:
 
     def against(self, other: "_Drawn") -> tuple[int, int]:
         """How many of the sampled places stand in the other's free space, and how many at its walls."""
-        i, j = shapely.STRtree(other.walls).query(shapely.points(self.places), predicate="dwithin", distance=_AT)
+        i, j = shapely.STRtree(other.walls).query(shapely.points(self.places), predicate="dwithin", distance=_STEP)
         at = np.zeros(len(self.places), dtype=bool)
         at[i[np.abs(np.sum(self.normals[i] * other.wall_normals[j], axis=1)) > _PARALLEL]] = True
         inside = shapely.contains_xy(other.free, self.places[:, 0], self.places[:, 1])

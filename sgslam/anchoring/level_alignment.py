@@ -25,9 +25,8 @@ _HIDING = 5.0  # m2, of a surface that is as likely to be furniture or a duct as
 _HUNG = 0.2  # share of ceilings that are not planned, or hang where a planned one is missing, however large
 _BELOW = 0.1  # times as likely as one on the planned floor is one below it
 _REACH = 2.0  # m from a planned surface, within which others may hide it
-_ALIKE = 0.03  # m: surfaces as near in height are one, such as the ceilings of several rooms
+ALIKE = 0.03  # m: surfaces as near in height are one, such as the ceilings of several rooms
 _LEAST = 1e-6  # 1/m, density of what no model explains
-_MEANT = 0.5  # probability from which on a surface is the planned one
 
 
 @dataclass(frozen=True)
@@ -103,7 +102,7 @@ def _joined(seen: list[_Seen]) -> list[_Seen]:
     joined: list[_Seen] = []
     for own in sorted(seen, key=lambda own: (own.is_floor, own.height)):
         last = joined[-1] if joined else None
-        if last is None or last.is_floor != own.is_floor or own.height - last.height > _ALIKE:
+        if last is None or last.is_floor != own.is_floor or own.height - last.height > ALIKE:
             joined.append(own)
             continue
         area = last.area + own.area
@@ -146,7 +145,7 @@ def _normal(off: Floats, sigma: float) -> Floats:
 
 def _summary(raised: Floats, probability: Floats) -> tuple[float, float]:
     """The mean (m) of the likeliest height and those near it, and the standard deviation (m) for all others."""
-    near = np.abs(raised - raised[np.argmax(probability)]) < 2 * _ALIKE
+    near = np.abs(raised - raised[np.argmax(probability)]) < 2 * ALIKE
     best = float(np.average(raised[near], weights=probability[near]))
     return best, height_sigma(np.abs(raised[~near] - best), probability[~near])
 
@@ -168,7 +167,7 @@ def _planned_at(own: _Seen, raised: float) -> tuple[float, float] | None:
     above, sigma = own.height + raised - own.planned, float(np.hypot(own.sigma, _MAPPED))
     likely = own.share * (1 - _hides(own)) * _normal(above, sigma)
     best = int(np.argmax(likely))
-    if likely[best] < _MEANT * _density(own, np.array([raised]), sigma)[0]:
+    if likely[best] < 0.5 * _density(own, np.array([raised]), sigma)[0]:
         return None
     return float(own.planned[best]), own.sigma
 

@@ -22,7 +22,6 @@ _REFINED = 5  # places that are refined
 _DISTINCT = 0.03  # m between two of them
 _MAX_TURN = np.radians(6.0)
 _GATES = (0.025, 0.06)  # m, limits of the gate, which follows the scatter of the walls
-_LEAST_UNITS = 3
 _LEAST_SPREAD = 0.5  # of the normals' second singular value
 
 
@@ -95,7 +94,7 @@ def find_consensus(pairs: Pairs, T_plan_map: Floats, max_turn: float) -> Consens
     scatter = 1.48 * _weighted_median(off[near], votes[near])
     gate = float(np.clip(3.5 * scatter, *_GATES))
     agree = near & (off < gate) & (np.abs(pairs.turns(best)) < max_turn)
-    if not determined(pairs.planned_normal[agree]) or len(np.unique(pairs.unit[agree])) < _LEAST_UNITS:
+    if not determined(pairs.planned_normal[agree]) or len(np.unique(pairs.unit[agree])) < 3:
         return None
     return Consensus(best, agree, gate, float(votes[agree].sum() / votes.sum()))
 

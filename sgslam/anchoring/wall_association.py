@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import WallSurface
+from sgslam.config.sensor import BUILDING
 
 Floats = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -14,7 +15,6 @@ GATE_ANGLE = 0.07  # rad between a mapped wall and the planned one it may be
 _OTHER_ROOM = 0.1  # m, penalty of a planned wall of another room
 _BESIDE = 0.2  # m, penalty of a planned wall that does not overlap the mapped one at all
 _LEAST_SHARE = 0.3  # of the shorter wall that must overlap the other
-_IN_PLACE = 0.03  # m; a nearer wall is in the plane of the planned one
 _EXPLAINED = 0.35  # of a mapped wall's length that planned walls of one plane must overlap
 
 
@@ -74,9 +74,9 @@ def _stubs(off: Floats, share: Floats, possible: Flags) -> Flags:
     `off` (N, M) are signed distances across (m), `share` (N, M) the overlaps as shares of the mapped wall's length.
     """
     stubs = np.zeros_like(possible)
-    for i in np.flatnonzero((possible & (np.abs(off) > _IN_PLACE)).any(axis=1)).tolist():
-        own = np.flatnonzero(possible[i] & (np.abs(off[i]) > _IN_PLACE))
-        in_plane = np.abs(off[i, own][:, None] - off[i][None]) < _IN_PLACE
+    for i in np.flatnonzero((possible & (np.abs(off) > BUILDING.thinnest_wall)).any(axis=1)).tolist():
+        own = np.flatnonzero(possible[i] & (np.abs(off[i]) > BUILDING.thinnest_wall))
+        in_plane = np.abs(off[i, own][:, None] - off[i][None]) < BUILDING.thinnest_wall
         stubs[i, own] = (in_plane * share[i]).sum(axis=1) < _EXPLAINED
     return stubs
 

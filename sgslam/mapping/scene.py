@@ -16,7 +16,7 @@ from sgslam.mapping.wall_map import WallMap
 
 Floats = NDArray[np.float64]
 _MOST_ROOMS = 2**20  # of a floor; room nodes are numbered floor after floor
-_STEP = 0.1  # m between the places along a wall at which the room that it faces is looked up
+STEP = 0.1  # m between the places along a wall at which it is looked up whether it was seen, and the room that it faces
 _INSIDE = 0.2  # m from the wall into the room
 
 
@@ -91,7 +91,7 @@ def _surfaces(
 ) -> tuple[tuple[WallSurface, ...], dict[str, int]]:
     """One surface for each room that a well-observed wall faces, and one for its longest part that faces none."""
     lines = walls.lines
-    covered = walls.coverage(_STEP)
+    covered = walls.coverage(STEP)
     heights = walls.heights()
     surfaces: list[WallSurface] = []
     wall_of: dict[str, int] = {}
@@ -104,9 +104,9 @@ def _surfaces(
         points = places[:, None] * tangent - lines.offset[row] * normal
         facing = segmentation.at(points + _INSIDE * normal)
         for label, mine in _by_room(places, facing).items():
-            if len(mine) * _STEP < config.surfaces.min_length:
+            if len(mine) * STEP < config.surfaces.min_length:
                 continue
-            low, high = mine.min() - _STEP / 2, mine.max() + _STEP / 2
+            low, high = mine.min() - STEP / 2, mine.max() + STEP / 2
             centre = (low + high) / 2 * tangent - lines.offset[row] * normal
             room, plane = room_of.get(label), tuple(walls.planes_in_map[wall].tolist())
             name, length = f"w{wall}@{room}" if room else f"w{wall}", float(high - low)

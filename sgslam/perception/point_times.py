@@ -1,6 +1,7 @@
 """The times of a scan's points, from their order alone, where the file gives none."""
 
 from dataclasses import dataclass
+from math import tau
 from typing import Literal
 
 import numpy as np
@@ -11,8 +12,7 @@ Ints = NDArray[np.int64]
 Rule = Literal["azimuth", "rings", "index"]
 
 FEWEST = 200  # points
-TURN = 2 * np.pi
-LEAST_TURN, MOST_TURN = 0.75 * TURN, 1.12 * TURN  # of a scan of about one turn; an open side has no returns
+LEAST_TURN, MOST_TURN = 0.75 * tau, 1.12 * tau  # of a scan of about one turn; an open side has no returns
 BACKWARDS = np.radians(25.0)  # the beams of one column differ in azimuth by up to some 20 degrees
 LEAST_RINGS = 3
 FORWARDS = 0.95  # share of all turning within rings
@@ -54,7 +54,7 @@ def guessed_times(points: Floats, duration_s: float) -> GuessedTimes | None:
         return None
     azimuth = np.arctan2(points[:, 1], points[:, 0])
     steps = np.diff(azimuth)
-    steps -= TURN * np.rint(steps / TURN)
+    steps -= tau * np.rint(steps / tau)
     turned = np.concatenate([[0.0], np.cumsum(steps)])
     if turned[-1] < 0:
         turned, steps = -turned, -steps
@@ -66,7 +66,7 @@ def guessed_times(points: Floats, duration_s: float) -> GuessedTimes | None:
     if progress is None:
         is_by_index = _is_by_index(points, azimuth, elevation)
         return GuessedTimes(even_times(len(points), duration_s), "index") if is_by_index else None
-    longest = max(TURN, float(progress.max()))
+    longest = max(tau, float(progress.max()))
     seconds = np.clip(progress, 0.0, None) * (duration_s / longest)
     return GuessedTimes(np.minimum(seconds, np.nextafter(duration_s, 0.0)), rule)
 
@@ -85,7 +85,7 @@ def _by_rings(turned: Floats, steps: Floats, elevation: Floats) -> Floats | None
 
     All rings begin at one azimuth; where a ring has no return there, it begins later.
     """
-    rings = round(turned[-1] / TURN)
+    rings = round(turned[-1] / tau)
     if rings < LEAST_RINGS or np.maximum(steps, 0.0).sum() < FORWARDS * np.abs(steps).sum():
         return None
     first = _ring_beginnings(turned, elevation, rings)
@@ -96,7 +96,7 @@ def _by_rings(turned: Floats, steps: Floats, elevation: Floats) -> Floats | None
     within = elevation - (np.add.reduceat(elevation, first) / counts)[of]
     if within.var() > RING_SPREAD * elevation.var():
         return None
-    late = turned[first] - TURN * np.rint((turned[first] - turned[0]) / TURN)
+    late = turned[first] - tau * np.rint((turned[first] - turned[0]) / tau)
     if np.ptp(late) > START_SPREAD:
         return None
     progress = turned - turned[first][of] + (late - late.min())[of]
@@ -105,8 +105,8 @@ def _by_rings(turned: Floats, steps: Floats, elevation: Floats) -> Floats | None
 
 def _ring_beginnings(turned: Floats, elevation: Floats, rings: int) -> Ints | None:
     """(rings,) indices: near each full turn, where the elevation changes most; None if rings have hardly any points."""
-    near = np.searchsorted(np.maximum.accumulate(turned), turned[0] + TURN * (np.arange(rings + 1) - 0.1))
-    after = np.searchsorted(np.maximum.accumulate(turned), turned[0] + TURN * (np.arange(rings + 1) + 0.1))
+    near = np.searchsorted(np.maximum.accumulate(turned), turned[0] + tau * (np.arange(rings + 1) - 0.1))
+    after = np.searchsorted(np.maximum.accumulate(turned), turned[0] + tau * (np.arange(rings + 1) + 0.1))
     first = [0]
     for low, high in zip(near[1:rings], after[1:rings], strict=True):
         jumps = np.abs(np.diff(elevation[max(low - 1, 0) : high + 1]))

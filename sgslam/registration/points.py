@@ -23,7 +23,6 @@ UNKNOWN = -1  # the plane of a point that was not looked for; 0 is none
 KERNEL_OF_RESIDUAL = 5.0  # times the median residual
 SIGMA_OF_MEDIAN = 1.48  # times the median residual, the standard deviation of a normal distribution
 LEAST_SIGMA_OF_RESIDUAL = 6.0  # times the median residual, the least sigma of a point as it is weighted
-_SMALL = 1e-9  # of the largest information, what is added to each direction: a matrix of less rank has no inverse
 
 
 class Weights(NamedTuple):
@@ -294,5 +293,5 @@ def _of_all_knots(H: Floats) -> Floats:
     for half in (0, 3):
         most = max(M[half, half], M[half + 1, half + 1], M[half + 2, half + 2], 1.0)
         for i in range(half, half + 3):
-            M[i, i] += _SMALL * most
+            M[i, i] += 1e-9 * most  # a matrix of less rank has no inverse
     return M

@@ -15,9 +15,9 @@ from data import SceneGraph
 from data.scene_graph import WallSurface
 from sgslam.anchoring import AlignedWall, WallAlignment
 from sgslam.mapping import Floors, KeyframeClouds, WallMap
+from sgslam.mapping.scene import STEP
 
 Floats = NDArray[np.float64]
-STEP = 0.1  # m along a wall
 _KEYFRAMES, _RAYS = 80, 150  # that are looked at, evenly spaced
 _BEYOND = 0.4  # m beyond a wall from which on a ray leads through it
 _NEAR = 0.3  # m from the sensor within which a wall tells nothing: it may stand in a door
