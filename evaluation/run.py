@@ -171,7 +171,7 @@ def _matcher(variant: Variant, config: Config, plan: SceneGraph, truth: Trajecto
     if variant.matcher == "oracle":
         first = truth.poses[0]
         return OracleMatcher(first, storey_of(plan, first))
-    matcher = Matcher.load(variant.matcher or config.matching.method, config.matching.judged)
+    matcher = Matcher.load(variant.matcher or config.matching.method)
     make_ready(matcher)  # compiling is not part of the run's time
     return matcher
 

@@ -30,7 +30,7 @@ SYSTEM: dict[str, Variant] = {
     "anchored": Variant(),
     "unanchored": Variant(plan=False),
     "voting": Variant(matcher="voting"),
-    "judged": Variant(settings={"matching": {"judge": "learned"}}),
+    "learned": Variant(matcher="learned"),
     "published": Variant(matcher="paper@published"),
     "oracle": Variant(matcher="oracle"),
     "walls only": Variant(settings={"anchors": {"rooms": False}}),

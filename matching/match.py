@@ -16,16 +16,16 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--s-graph", type=Path, required=True, metavar="FILE", help="scene graph of the map (JSON)")
     parser.add_argument("--a-graph", type=Path, required=True, metavar="FILE", help="scene graph of the plan (JSON)")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="file for the match (JSON)")
-    parser.add_argument("--method", default="learned", metavar="NAME", help="learned (default), voting, paper, ...")
+    parser.add_argument("--method", metavar="NAME", help="voting, learned, paper, ... (default: that of runs)")
     parser.add_argument("--floor", metavar="NAME", help="storey of the plan to search (default: all)")
     parser.add_argument("--map-floor", metavar="NAME", help="storey of the map to match; required if it has several")
     options = parser.parse_args(arguments)
     # imported here so that --help is fast
     from data.common.files import write_json
     from data.scene_graph import SceneGraph
-    from matching.matcher import Matcher
+    from matching.matcher import DEFAULT, Matcher
 
-    matcher = Matcher.load(options.method)
+    matcher = Matcher.load(options.method or DEFAULT)
     if not options.out.parent.is_dir():
         raise UserError(f"{options.out.parent}: no such folder; give --out in one that exists")
     s, a = SceneGraph.load(options.s_graph), SceneGraph.load(options.a_graph)

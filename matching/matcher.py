@@ -10,11 +10,11 @@ from matching.result import AnyMatcher, MatchResult, Start
 
 if TYPE_CHECKING:
     from matching.engine import GeometricMatcher
-    from matching.judge import Judge
     from matching.published.matcher import PaperMatcher
 
 Method = Union[CombinatorialMatcher, "GeometricMatcher", "PaperMatcher"]
-WITH_WEIGHTS, JUDGED = ("learned", "paper"), ("learned", "voting")
+DEFAULT = "voting"  # the method of runs, and of commands that are given none
+WITH_WEIGHTS = ("learned", "paper")
 
 
 class Matcher:
@@ -24,20 +24,17 @@ class Matcher:
         self._method = method
 
     @staticmethod
-    def load(method: str = "learned", judge: bool = False) -> "Matcher":
+    def load(method: str = DEFAULT) -> "Matcher":
         """Loads a matching method by name.
 
         Args:
             method: One of
-                `learned`: a graph network and votes of wall corners propose matches, which are placed and verified (the
-                default);
-                `voting`: the same by the votes alone; no weights, no network;
+                `voting`: wall corners vote for places, and the evidence of all walls and doors decides between them;
+                `learned`: the same places, but a network judges how probable each is;
                 `paper`: the published GATv2-Sinkhorn matcher; its assignment is the answer, without verification;
                 `combinatorial`: the search of iS-Graphs, which ends after 60 s at most.
                 `NAME@WEIGHTS` loads other weights than those that come with the package: a file, for example
-                `learned@my_network/learned.onnx`; for `paper` also `published` (the default) or `repository`.
-            judge: Whether the learned judge gives the probabilities of `learned` and `voting`, instead of the evidence
-                alone.
+                `learned@my_judge/judge.safetensors`; for `paper` also `published` (the default) or `repository`.
 
         Returns:
             A matcher. It may be used for any number of graphs; what it computes for the last few plans is cached.
@@ -48,8 +45,8 @@ class Matcher:
         """
         name, _, weights = method.partition("@")
         methods: dict[str, Callable[[], Method]] = {
-            "voting": lambda: _voting(judge),
-            "learned": lambda: _learned(weights or None, judge),
+            "voting": _voting,
+            "learned": lambda: _learned(weights or None),
             "paper": lambda: _paper(weights or "published"),
             "combinatorial": CombinatorialMatcher,
         }
@@ -57,8 +54,6 @@ class Matcher:
             raise UserError(f"no matching method '{name}'; there are: {', '.join(methods)}")
         if weights and name not in WITH_WEIGHTS:
             raise UserError(f"the matching method '{name}' takes no weights; {', '.join(WITH_WEIGHTS)} do")
-        if judge and name not in JUDGED:
-            raise UserError(f"answers of '{name}' cannot be judged; those of {' and '.join(JUDGED)} can")
         return Matcher(methods[name]())
 
     def match(
@@ -87,29 +82,17 @@ class Matcher:
         return self._method.match(s, a, floor=floor, start=start)
 
 
-def _voting(judge: bool) -> Method:
+def _voting() -> Method:
     from matching.engine import GeometricMatcher  # compiled loops are slow to import
 
-    return GeometricMatcher(judge=_judge(judge))
+    return GeometricMatcher()
 
 
-def _learned(weights: str | None, judge: bool) -> Method:
-    """The network alone may mistake one of several equal rooms for another, and the corners see them all."""
-    from matching.engine import GeometricMatcher, Scene, TopK, among
-    from matching.proposals.learned import LearnedProposer
-
-    network = LearnedProposer.load(weights)
-
-    def proposed(s: SceneGraph, a: SceneGraph, scene: Scene) -> TopK:
-        return among(network.propose(s, a, scene.s), scene.plan)
-
-    return GeometricMatcher(proposed, _judge(judge))
-
-
-def _judge(wanted: bool) -> "Judge | None":
+def _learned(weights: str | None) -> Method:
+    from matching.engine import GeometricMatcher
     from matching.judge import Judge
 
-    return Judge.load() if wanted else None
+    return GeometricMatcher(Judge.load(weights))
 
 
 def _paper(weights: str) -> Method:

@@ -96,7 +96,7 @@ class SgslamPipeline(_Pipeline):  # type: ignore[misc]
         config = self._config()
         plan = self._path("plan")
         bim = None if plan is None else load_bim(plan)
-        matcher = None if bim is None else Matcher.load(config.matching.method, config.matching.judged)
+        matcher = None if bim is None else Matcher.load(config.matching.method)
         compile_ahead().wait()
         self._slam = SceneGraphSlam(bim, matcher, config)
 

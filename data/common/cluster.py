@@ -4,7 +4,6 @@ import asyncio
 import concurrent.futures
 import logging
 import multiprocessing
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar
@@ -15,7 +14,6 @@ from data.common.processes import end_with_parent
 
 PATIENCE_S = 5.0  # with a scheduler that does not answer, or has no worker
 RETRIES = 2  # of a task that raises; how often its worker may die is Dask's `allowed-failures`
-AHEAD = 2  # tasks submitted for each thread where they have no end, so that none waits for the next
 T = TypeVar("T")
 R = TypeVar("R")
 
@@ -67,14 +65,3 @@ def completed(
         futures = {client.submit(function, task, pure=False, retries=RETRIES): task for task in tasks}
         for future in as_completed(futures):
             yield futures.pop(future), future.exception() or future.result()
-
-
-def in_order(function: Callable[[T], R], tasks: Iterable[T], scheduler: str) -> Iterator[R]:
-    """Yields the results from a cluster in the order of the tasks, which may have no end. Raises as the tasks do."""
-    with connected(scheduler) as client:
-        ahead: deque[Any] = deque()
-        for task in tasks:
-            ahead.append(client.submit(function, task, pure=False, retries=RETRIES))
-            if len(ahead) > AHEAD * max(1, sum(client.nthreads().values())):
-                yield ahead.popleft().result()
-        yield from (future.result() for future in ahead)

@@ -1,7 +1,7 @@
 """The methods that are compared: those of `Matcher`, and two that serve the comparison.
 
-`judged` is `learned` with the judge of places. `oracle` is `learned` that knows the storey, and the place to within
-3 m: what it misses is lost in the noise of the walls, not in the search.
+`oracle` is `voting` that knows the storey, and the place to within 3 m: what it misses is lost in the noise of the
+walls, not in the search.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from evaluation.matching.pairs import NEGATIVE, PERTURBED, PUBLISHED, PUBLISHED_
 from matching import Matcher, MatchResult
 from matching.matcher import make_ready
 
-JUDGED, ORACLE = "judged", "oracle"
+ORACLE = "oracle"
 COMBINATORIAL = "combinatorial"
 PAPER = ("paper@published", "paper@repository")
 ALL = ("learned", "voting", ORACLE, *PAPER, COMBINATORIAL)
@@ -31,7 +31,7 @@ def applies(method: str, regime: str) -> bool:
 @lru_cache(maxsize=8)
 def matcher_named(name: str) -> Matcher:
     """The matcher of this name. Raises UserError for an unknown one."""
-    return Matcher.load("learned" if name in (JUDGED, ORACLE) else name, name == JUDGED)
+    return Matcher.load("voting" if name == ORACLE else name)
 
 
 @lru_cache(maxsize=8)
@@ -57,4 +57,5 @@ def trained_on(name: str) -> set[str]:
     file = Path(name.partition("@")[2])
     cards = (file.with_suffix(".json"), file.with_name("model_card.json")) if file.is_file() else ()
     found = [read_json(card, "the model card of a network") for card in cards if card.is_file()]
-    return {Path(each).name.partition(".")[0] for card in found[:1] for each in card["data"]["files"]}
+    files = [each for card in found[:1] for each in card.get("data", {}).get("files", ())]
+    return {Path(each).name.partition(".")[0] for each in files}

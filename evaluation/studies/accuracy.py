@@ -38,7 +38,7 @@ LABELS = {
     "unanchored": "ours without the plan",
     "published": "ours, the published matcher",
     "voting": "ours, voting matcher",
-    "anchored": "**ours, learned matcher**",
+    "anchored": "**ours**",
     "oracle": "ours, true matches",
 }
 MOVED = "10 to 30 cm"

@@ -13,6 +13,7 @@ from evaluation.matching import methods, pairs, scores
 from evaluation.matching.pairs import NEGATIVE, PERTURBED, PUBLISHED_MAP, REGIMES, SGSLAM, MatchCase, Regime
 from evaluation.study import Claim, Options, Record, Study
 from evaluation.tables import Column, Query, mean
+from matching.matcher import DEFAULT
 
 DATA = "../shared/data/"
 FLOORPLANS = tuple(f"{DATA}floorplans/{name}" for name in ("swiss_floors", "lifull.tar.gz", "msd"))
@@ -100,16 +101,16 @@ LINES = {"regime": "regime", "method": "method"}
 
 
 def tables(rows: pd.DataFrame) -> Mapping[str, Any]:
-    """What the methods find on test plans, `learned` in more detail, and the published perturbation and map."""
+    """What the methods find on test plans, the default in more detail, and the published perturbation and map."""
     own = scores.matches_of(rows)
     paper = own.regime.isin(pairs.PUBLISHED)
-    test, learned = own[~paper & (own.role == "test")], own[own.method == "learned"]
-    known = learned[learned.regime.isin(("real", "drift"))].sort_values("rooms", kind="stable")
+    test, ours = own[~paper & (own.role == "test")], own[own.method == DEFAULT]
+    known = ours[ours.regime.isin(("real", "drift"))].sort_values("rooms", kind="stable")
     published = Query(LINES, scores.NODES).table(own[paper])
     return {
         "methods": Query(LINES, scores.FOUND).table(test[test.method.ne("oracle") | test.regime.eq(SGSLAM)]),
         "measures": Query({"regime": "regime"}, scores.MEASURES).table(
-            learned[learned.role.eq("test") & learned.regime.ne(NEGATIVE)]
+            ours[ours.role.eq("test") & ours.regime.ne(NEGATIVE)]
         ),
         "rooms": Query({"rooms": "rooms seen"}, scores.FOUND).table(known[known.role == "test"]),
         "sets": Query({"role": "role", "set": "set"}, scores.FOUND).table(known),
@@ -118,15 +119,15 @@ def tables(rows: pd.DataFrame) -> Mapping[str, Any]:
 
 
 def claims(rows: pd.DataFrame) -> list[Claim]:
-    """Wall F1 of the learned matcher and its wrong answers on test plans, and F1 of three methods on MSD."""
+    """Wall F1 of the default matcher and its wrong answers on test plans, and F1 of two methods on MSD."""
     own = scores.matches_of(rows)
     f1, on_msd = mean("wall.f1"), "F1 on MSD with the published perturbation"
     lines: list[tuple[str, str, Sequence[str], Column]] = [
-        ("Wall F1 on maps with the noise of real scans", "learned", ["real"], f1),
-        ("Wall F1 on maps that the system built in simulation", "learned", [SGSLAM], f1),
-        ("Unique answers that are wrong", "learned", [*REGIMES[:5], SGSLAM], scores.wrong),
-        ("Maps of another building that are placed", "learned", [NEGATIVE], scores.placed),
-        *((on_msd, method, [PERTURBED], mean("node.f1")) for method in ("learned", methods.PAPER[-1])),
+        ("Wall F1 on maps with the noise of real scans", DEFAULT, ["real"], f1),
+        ("Wall F1 on maps that the system built in simulation", DEFAULT, [SGSLAM], f1),
+        ("Unique answers that are wrong", DEFAULT, [*REGIMES[:5], SGSLAM], scores.wrong),
+        ("Maps of another building that are placed", DEFAULT, [NEGATIVE], scores.placed),
+        *((on_msd, method, [PERTURBED], mean("node.f1")) for method in (DEFAULT, methods.PAPER[-1])),
     ]
     test = own[own.role == "test"]
     of = [test[(test.method == method) & test.regime.isin(regimes)] for _, method, regimes, _ in lines]

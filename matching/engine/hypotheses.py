@@ -1,9 +1,9 @@
 """Searches for distinct hypotheses, each a field of motions over the map.
 
-Corners and proposed matches vote for motions of parts of the map (`seeds`). Each grows from its part over the
-neighbouring rooms (`grow`). A room's walls are used as soon as one of its neighbours is placed. Every field is scored
-by its evidence (`evidence`). Places where the plan looks like the best one are added (`alternative_placements`), so
-that a symmetric place is found even if nothing proposed it.
+Corners vote for motions of parts of the map (`seeds`). Each grows from its part over the neighbouring rooms (`grow`).
+A room's walls are used as soon as one of its neighbours is placed. Every field is scored by its evidence (`evidence`).
+Places where the plan looks like the best one are added (`alternative_placements`), so that a symmetric place is found
+even if it got few votes.
 """
 
 from collections.abc import Callable
@@ -24,7 +24,6 @@ from matching.engine.field import Fields, Scene, distinct, explained, motions, r
 from matching.engine.field_loops import SIGMA_SCORE
 from matching.engine.guided_field import GuidedFields, advance, guided, restart_locally
 from matching.engine.plan_walls import PlanWalls
-from matching.engine.proposals import TopK
 from matching.engine.seeds import seeds
 
 SIGMAS = np.array([0.35, 0.25, 0.18, 0.13])  # metres across; decreasing as a group's walls settle
@@ -74,15 +73,14 @@ def scene_of(s: SceneGraph, plan: PlanWalls, rigid: bool = False) -> Scene:
     return Scene(walls, groups(walls, own, rigid), plan, own)
 
 
-def search(scene: Scene, proposals: TopK | None = None, allowed: Callable[[Array], bool] | None = None) -> Hypotheses:
+def search(scene: Scene, allowed: Callable[[Array], bool] | None = None) -> Hypotheses:
     """Returns distinct hypotheses, best first; none if nothing votes for a motion.
 
-    `proposals` are those of the map's walls for the walls of all storeys, one storey after the other; None leaves it to
-    the corners. `allowed` says for T_a_s (3,), between the graphs' frames, whether a placement is allowed.
+    `allowed` says for T_a_s (3,), between the graphs' frames, whether a placement is allowed.
     """
     s = scene.s
     fewest, most = (min(max(w // len(s), least), SEEDS) for w, least in ((DOUBTFUL, 2), (WALLS, 4)))
-    fields, sure = seeds(scene, proposals, fewest, most)
+    fields, sure = seeds(scene, fewest, most)
     fields, sure = _allowed(scene, fields, sure, allowed)
     if not len(fields):
         return Hypotheses(scene, fields, np.zeros((0, len(s), 0), dtype=np.int64), np.zeros(0), np.zeros((0, 3)))

@@ -1,4 +1,4 @@
-"""`GeometricMatcher`: places a map by a field of motions, starting from the proposals of any source."""
+"""`GeometricMatcher`: places a map by a field of motions, starting from the votes of corners."""
 
 import functools
 import time
@@ -11,26 +11,24 @@ from data.scene_graph import SceneGraph
 from matching.arrays import PlanCache
 from matching.engine.assignment import Pairs, assign
 from matching.engine.evidence import homes
-from matching.engine.field import Scene, judge
+from matching.engine.field import judge
 from matching.engine.field_loops import SIGMA_SCORE
 from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
-from matching.engine.proposals import TopK
 from matching.engine.room_signs import room_signs
 from matching.engine.verdict import SURE, Signs, shipped, verify
 from matching.result import Hypothesis, MatchResult, Start, near_start
 
 LISTED = 10  # hypotheses in the result, at most
-Proposer = Callable[[SceneGraph, SceneGraph, Scene], TopK]  # of a map, a plan and both as arrays: walls of `scene.plan`
 PlaceJudge = Callable[[Hypotheses, Signs], Array]  # (K,) the probability of each hypothesis
 
 
 class GeometricMatcher:
-    """Implements `Matcher.match`, by the map's corners and by proposed pairs of any source, or without; the map may
-    deform from room to room. Without a `judge` the evidence alone gives the probabilities."""
+    """Implements `Matcher.match`; the map may deform from room to room. Without a `judge` the evidence alone gives the
+    probabilities."""
 
-    def __init__(self, proposer: Proposer | None = None, judge: PlaceJudge | None = None) -> None:
-        self._propose, self._judge = proposer, judge
+    def __init__(self, judge: PlaceJudge | None = None) -> None:
+        self._judge = judge
         self._plan = PlanCache(PlanWalls.of)
 
     def match(
@@ -41,21 +39,13 @@ class GeometricMatcher:
         plan = self._plan(a) if floor is None else PlanWalls.of(a, floor)
         if not s.wall_surfaces or plan is None:
             return MatchResult("none", f"the {'A' if s.wall_surfaces else 'S'}-graph has no wall surface")
-        scene = scene_of(s, plan)
         allowed = None if start is None else functools.partial(near_start, start)
-
-        found = search(scene, self._propose and self._propose(s, a, scene), allowed)
+        found = search(scene_of(s, plan), allowed)
         if len(found):
             return answer(found, began, start is not None, self._judge)
         near = "" if start is None else " near the start that was given (its yaw is in radians)"
         reason = f"no wall corner of the map matches one in the plan{near}"
         return MatchResult("none", reason, seconds=time.perf_counter() - began)
-
-
-def among(proposals: TopK, plan: PlanWalls) -> TopK:
-    """Converts proposals for a plan's surfaces, in the order of the graph, to those for the walls of `PlanWalls`."""
-    partner = plan.row[proposals.partner]
-    return TopK(partner, np.where(partner >= 0, proposals.score, 0.0))
 
 
 def answer(found: Hypotheses, began: float, near_start: bool = False, judging: PlaceJudge | None = None) -> MatchResult:

@@ -28,7 +28,6 @@ class PlanWalls:
     known: NDArray[np.bool_]  # (N,) whether the length was given
     room: Index  # (N,) index into its storey's rooms, -1 where not known
     storey: Index  # (N,)
-    row: Index  # (surfaces of the A-graph + 1,) which of the N each is, -1 where it is not one of them; the last is -1
 
     def __len__(self) -> int:
         return len(self.half)
@@ -71,11 +70,9 @@ class PlanWalls:
         if not chosen:
             return None
         sizes = [len(w) for w in chosen]
-        place = {name: n for n, name in enumerate(name for w in chosen for name in w.ids)}
-        row = np.array([*(place.get(w.id, -1) for w in a.wall_surfaces), -1])
         names = ("centre", "heading", "half", "known", "room")
         centre, heading, half, known, room = (np.concatenate([getattr(w, name) for w in chosen]) for name in names)
         return PlanWalls(
             tuple(chosen), tuple(doors(a, w) for w in chosen), np.concatenate(([0], np.cumsum(sizes))), centre, heading,
-            half, known, room, np.repeat(np.arange(len(sizes)), sizes), row,
+            half, known, room, np.repeat(np.arange(len(sizes)), sizes),
         )  # fmt: skip

@@ -1,8 +1,7 @@
 """Seeds: motions of parts of the map, from which hypotheses grow.
 
 A part is a room with its direct neighbours, whose motions differ little, however much the whole map has drifted. Its
-corners and the proposed matches of its walls vote for motions; those that align most of its walls with the plan's are
-its seeds.
+corners vote for motions; those that align most of its walls with the plan's are its seeds.
 """
 
 import numpy as np
@@ -17,7 +16,6 @@ from matching.arrays.groups import Groups
 from matching.engine.corners import corners
 from matching.engine.field import Fields, Scene, explained, rigid_state
 from matching.engine.guided_field import advance, guided
-from matching.engine.proposals import ProposalVotes, TopK, proposal_votes
 from matching.engine.votes import Votes, aligned, candidates, corner_votes
 
 MOST_PARTS = 8  # beside the whole map
@@ -28,15 +26,12 @@ LEAST_WORTH = 0.25  # of the best seed's; beyond the fewest, others are no seeds
 SAME_M, SAME_RAD = 0.4, float(np.radians(4))  # between the motions of a room that two seeds of it are one
 
 
-def seeds(scene: Scene, proposals: TopK | None, fewest: int, most: int) -> tuple[Fields, Index]:
-    """Returns the best distinct motions as rigid fields, best first, and for each (K,) the group in the part's middle.
-
-    `proposals` are those of the map's walls for the walls of all storeys; None leaves it to the corners.
-    """
-    proposed = None if proposals is None else proposal_votes(scene, proposals)
+def seeds(scene: Scene, fewest: int, most: int) -> tuple[Fields, Index]:
+    """Returns the best distinct motions as rigid fields, best first, and for each (K,) the group in the part's
+    middle."""
     group, found, worth = [], [], []
     for middle, member in _parts(scene.groups):
-        placed, explains = _placements(scene, middle, member, proposed)
+        placed, explains = _placements(scene, middle, member)
         group.append(np.full(len(placed), middle))
         found.append(placed)
         worth.append(explains)
@@ -49,18 +44,14 @@ def seeds(scene: Scene, proposals: TopK | None, fewest: int, most: int) -> tuple
     return fields[kept], of[kept]
 
 
-def _placements(
-    scene: Scene, middle: int, member: NDArray[np.bool_], proposed: ProposalVotes | None
-) -> tuple[Fields, Array]:
+def _placements(scene: Scene, middle: int, member: NDArray[np.bool_]) -> tuple[Fields, Array]:
     """The likeliest placements of a part on each storey, after a step, and the weight of its walls that each
     explains."""
     plan, chosen = scene.plan, np.flatnonzero(member[scene.groups.of_wall])
     walls, own = scene.s[chosen], corners(scene.s, chosen)
     storey, motion = [], []
     for k in range(len(plan.storeys)):
-        votes = corner_votes(own, plan.corners[k])
-        votes = votes if proposed is None else votes.with_those(proposed.of(member, k))
-        found = _about(scene.groups.centre[middle], votes)
+        found = _about(scene.groups.centre[middle], corner_votes(own, plan.corners[k]))
         best = np.argsort(-aligned(walls, plan, k, found, SIGMA), kind="stable")[:KEPT]
         motion.append(found[best])
         storey.append(np.full(len(best), k))

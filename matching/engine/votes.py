@@ -1,7 +1,6 @@
 """Votes for the motions that align walls with those of a storey (generalised Hough transform).
 
-A pair of similar corners, or of proposed matches of walls that cross, determines a proper SE(2) motion. Votes are
-gathered in yaw first, then in the plane, after
+A pair of similar corners determines a proper SE(2) motion. Votes are gathered in yaw first, then in the plane, after
 D. H. Ballard, "Generalizing the Hough transform to detect arbitrary shapes", Pattern Recognition 13 (1981).
 """
 
@@ -25,30 +24,25 @@ PLACE_BIN = 0.3  # metres
 
 
 class Votes(NamedTuple):
-    """V votes: a point of the map (V, 2) that should come to lie on one of the plan (V, 2), the yaw (V,) of the motion,
-    and the vote's weight (V,)."""
+    """V votes: a point of the map (V, 2) that should come to lie on one of the plan (V, 2), and the yaw (V,) of the
+    motion."""
 
     point: Array
     a_point: Array
     yaw: Array
-    weight: Array
-
-    def with_those(self, other: "Votes") -> "Votes":
-        """These votes and others."""
-        return Votes(*(np.concatenate(each) for each in zip(self, other, strict=True)))
 
 
 def corner_votes(s: Marks, a: Marks) -> Votes:
-    """The votes of all pairs of similar corners, with weight 1."""
+    """The votes of all pairs of similar corners."""
     i, j, yaw = _alike(s.kind, s.opening, s.heading, a.kind, a.opening, a.heading)
-    return Votes(s.point[i], a.point[j], yaw, np.ones(len(i)))
+    return Votes(s.point[i], a.point[j], yaw)
 
 
 def candidates(votes: Votes, most: int) -> Array:
     """Returns (K, 3) the motions (yaw, x, y) with most votes, at most `most` for each yaw mode."""
     if not len(votes.yaw):
         return np.zeros((0, 3))
-    return np.concatenate([_motions(mode, votes, most) for mode in _yaw_modes(votes.yaw, votes.weight)])
+    return np.concatenate([_motions(mode, votes, most) for mode in _yaw_modes(votes.yaw)])
 
 
 def aligned(walls: Walls, plan: PlanWalls, storey: int, motions: Array, sigma: float, least: float = 0.0) -> Array:
@@ -119,10 +113,10 @@ def _alike(
     return i[:count].copy(), j[:count].copy(), yaw[:count].copy()
 
 
-def _yaw_modes(yaw: Array, weight: Array) -> Array:
+def _yaw_modes(yaw: Array) -> Array:
     """(M,) modes of the yaws, each the mean of those nearby."""
     bins = round(2 * np.pi / YAW_BIN)
-    count = np.bincount(np.floor((yaw + np.pi) / YAW_BIN).astype(np.int64) % bins, weight, bins)
+    count = np.bincount(np.floor((yaw + np.pi) / YAW_BIN).astype(np.int64) % bins, minlength=bins)
     smooth = np.sum([(3 - abs(k)) * np.roll(count, -k) for k in range(-2, 3)], axis=0)
     angle = np.arange(0.5 - bins / 2, bins / 2) * YAW_BIN
     modes: list[float] = []
@@ -131,7 +125,7 @@ def _yaw_modes(yaw: Array, weight: Array) -> Array:
         peak = float(angle[smooth.argmax()])
         off = se2.wrap(yaw - peak)
         near = np.abs(off) <= 2.5 * YAW_BIN + 1e-9  # rounding must not lose votes at the edge of a bin
-        modes.append(peak + np.average(off[near], weights=weight[near]))
+        modes.append(peak + off[near].mean())
         smooth[(angle == peak) | (np.abs(se2.wrap(angle - modes[-1])) <= 4 * YAW_BIN)] = -1.0
     return np.array(modes)
 
@@ -139,13 +133,12 @@ def _yaw_modes(yaw: Array, weight: Array) -> Array:
 def _motions(mode: float, votes: Votes, most: int) -> Array:
     """(K, 3) motions with the mode's yaw to the places that votes with a similar yaw are for."""
     near = np.abs(se2.wrap(votes.yaw - mode)) < 3 * YAW_BIN
-    places = _places(votes.a_point[near] - se2.rotate(mode, votes.point[near]), votes.weight[near])[:most]
+    places = _places(votes.a_point[near] - se2.rotate(mode, votes.point[near]))[:most]
     return np.column_stack((np.full(len(places), mode), places))
 
 
-def _places(place: Array, weight: Array) -> Array:
-    """(K, 2) peaks of votes for places (V, 2) with weights (V,), heaviest first: means over 3 x 3 bins around local
-    maxima.
+def _places(place: Array) -> Array:
+    """(K, 2) peaks of votes for places (V, 2), most votes first: means over 3 x 3 bins around local maxima.
 
     The bins are sparse, since plans may be kilometres apart.
     """
@@ -153,7 +146,7 @@ def _places(place: Array, weight: Array) -> Array:
     cell -= cell.min(axis=0) - 1
     stride = cell[:, 1].max() + 2
     keys, bin_of = np.unique(cell[:, 0] * stride + cell[:, 1], return_inverse=True)
-    own = np.column_stack([np.bincount(bin_of, each) for each in (weight, weight * place[:, 0], weight * place[:, 1])])
+    own = np.column_stack([np.bincount(bin_of, each) for each in (None, *place.T)])
     total, most = own.copy(), np.zeros(len(keys))
     neighbours = []
     for shift in (-stride - 1, -stride, 1 - stride, -1, 1, stride - 1, stride, stride + 1):

@@ -18,7 +18,6 @@ from matching.engine.verdict import Signs
 from matching.judge.placements import PLACEMENT, SKIPPED, TOKEN, Placements, placements_of
 
 SHIPPED = Path(__file__).parents[1] / "weights" / "judge.safetensors"
-WEIGHTS = ("token_1", "token_2", "features", "head_1", "head_2")  # layers, each a weight (out, in) and a bias (out,)
 SPREAD = 3.0  # by which sums over tokens are divided, beside the root of their number
 
 
@@ -30,22 +29,22 @@ class Judge:
     temperature: float = 1.0
 
     @staticmethod
-    def load(path: Path | None = None) -> "Judge":
+    def load(path: Path | str | None = None) -> "Judge":
         """Reads a judge, or the one that comes with the package. Raises UserError if it cannot be read."""
         from safetensors import SafetensorError, safe_open
 
-        file = path or SHIPPED
-        if not file.exists():
-            raise UserError(f"the judge's weights are missing: {file}; train them with python -m matching.train_judge")
+        file = Path(path or SHIPPED)
         try:
             with safe_open(file, "numpy") as stored:  # type: ignore[no-untyped-call]
                 weights = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118, it is no mapping
                 temperature = float((stored.metadata() or {}).get("temperature", "1.0"))
-        except SafetensorError as error:
+        except OSError as error:
+            raise UserError(f"{file}: cannot be read ({error.strerror or error}); give a judge's weights") from None
+        except (SafetensorError, TypeError, ValueError) as error:
             raise UserError(f"{file}: no weights of a judge ({error})") from None
-        sizes = weights["token_1.weight"].shape[1:] + weights["features.weight"].shape[1:] if weights else ()
-        if sizes != (len(TOKEN), len(PLACEMENT)):
-            raise UserError(f"{file}: of another judge; train it again with python -m matching.train_judge")
+        width = weights["token_1.bias"].size if "token_1.bias" in weights else 0
+        if {name: value.shape for name, value in weights.items()} != shapes(width):
+            raise UserError(f"{file}: of another network or version; python -m matching.train writes a judge")
         return Judge(weights, temperature)
 
     def __call__(self, found: Hypotheses, signs: Signs) -> Array:
@@ -73,6 +72,17 @@ class Judge:
 
     def _layer(self, name: str, x: NDArray[np.float32]) -> NDArray[np.float32]:
         return np.asarray(x @ self.weights[f"{name}.weight"].T + self.weights[f"{name}.bias"], dtype=np.float32)
+
+
+def shapes(width: int) -> dict[str, tuple[int, ...]]:
+    """The shapes of all weights by their names, of a network whose layers are so wide."""
+    found: dict[str, tuple[int, ...]] = {"skip": (SKIPPED,)}
+    for name, size in (
+        ("token_1", (width, len(TOKEN))), ("token_2", (width, width)), ("features", (width, len(PLACEMENT))),
+        ("head_1", (width, 3 * width)), ("head_2", (1, width)),
+    ):  # fmt: skip
+        found |= {f"{name}.weight": size, f"{name}.bias": size[:1]}
+    return found
 
 
 def probabilities(log_odds: Array) -> Array:

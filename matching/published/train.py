@@ -31,8 +31,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         from matching.published.matcher import save_paper_network
         from matching.published.network import PRESETS
-        from matching.published.trainer import drawn_pairs, evaluate, train
-        from matching.training.trainer import write_curve
+        from matching.published.trainer import drawn_pairs, evaluate, train, write_curve
     except ModuleNotFoundError as error:
         raise UserError(f"training needs {error.name}; pip install 'sgslam[torch]'") from None
     from data.plans import read_plans

@@ -7,22 +7,22 @@ Swiss Dwellings do: in any orientation, their middle within 15 m of the origin.
 
 import copy
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import torch
 from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 
+from data.common.files import write_atomically
 from data.generation.buildings import generate_plan
 from data.geometry import se2
 from data.plans.sources import Plan
-from data.scene_graph import SceneGraph
+from data.scene_graph import SceneGraph, Xy
 from data.scene_graph.motion import moved
 from data.synthetic_maps.noise_models import draw
 from matching.published.network import PaperGraph, PaperNetwork, PaperSettings, paper_graph
-from matching.training.data import varied
-from matching.training.trainer import Row
 
 FROM_FILES = 0.5
 SKEWED = 1 / 3  # of the generated
@@ -31,6 +31,8 @@ MOST_NODES = 310  # of a plan: the published set's largest
 LEAST_PROBABILITY = 1e-9
 PATIENCE = 20  # epochs without a smaller validation loss
 EVALUATED_AT_ONCE = 64  # pairs of a batch in evaluation
+STRETCH = 0.18  # plans of files are stretched along x and y by up to so much, and every other one is mirrored
+Row = dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,28 @@ def _drawn(rng: np.random.Generator, plans: Sequence[Plan]) -> PaperPair:
     truth = {**drawn.rooms, **drawn.wall_surfaces}
     match = np.array([node[truth[i]] if i in truth else -1 for i in s.ids], dtype=np.int64)
     return PaperPair(plan.building, a, s, match)
+
+
+def varied(a: SceneGraph, rng: np.random.Generator) -> SceneGraph:
+    """Returns the plan stretched along its axes, and mirrored in half of the cases."""
+    stretch = rng.uniform(1 - STRETCH, 1 + STRETCH, 2) * [rng.choice([-1, 1]), 1]
+
+    def moved(p: Xy) -> Xy:
+        return (float(p[0] * stretch[0]), float(p[1] * stretch[1]))
+
+    surfaces, rooms = [], []
+    for w in a.wall_surfaces:
+        x, y = np.array(w.normal) / stretch  # normals go with the inverse
+        normal = (float(x / np.hypot(x, y)), float(y / np.hypot(x, y)))
+        along = float(np.hypot(w.normal[1] * stretch[0], w.normal[0] * stretch[1]))
+        length = None if w.length is None else w.length * along
+        surfaces.append(replace(w, centroid=moved(w.centroid), normal=normal, length=length, plane=None))
+    for r in a.rooms:
+        ring = None if r.polygon is None else tuple(moved(p) for p in r.polygon)
+        ring = ring[::-1] if ring is not None and stretch[0] < 0 else ring
+        rooms.append(replace(r, centroid=moved(r.centroid), polygon=ring))
+    doors = tuple(replace(d, centroid=moved(d.centroid)) for d in a.doors)
+    return SceneGraph(a.frame, tuple(rooms), tuple(surfaces), doors, a.floors)
 
 
 def laid_out(graph: SceneGraph, rng: np.random.Generator) -> SceneGraph:
@@ -140,3 +164,9 @@ def evaluate(network: PaperNetwork, pairs: Sequence[PaperPair]) -> tuple[float, 
             right += int((pair.match[s] == a).sum())
             all_of += int((pair.match >= 0).sum())
     return loss / max(len(pairs), 1), right / max(all_of, 1)
+
+
+def write_curve(path: Path, curve: Sequence[Row]) -> None:
+    """Writes a table (.csv) with a row for each epoch."""
+    lines = [list(curve[0]), *([f"{value:.6g}" for value in row.values()] for row in curve)]
+    write_atomically(path, "".join(",".join(line) + "\n" for line in lines))

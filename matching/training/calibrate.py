@@ -1,12 +1,12 @@
 """`python -m matching.training.calibrate`: fits the verdict and all confidences to maps of known truth.
 
-Maps are drawn from generated plans of the training split and matched by the proposals of `voting`, so that neither
-weights nor files are needed. Some are of another plan, and some plans lack walls. The command is
+Maps are drawn from generated plans of the training split and matched by `voting`, so that neither weights nor
+files are needed. Some are of another plan, and some plans lack walls. The command is
 deterministic up to the last bits of floating point numbers.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,21 +15,17 @@ from scipy.optimize import minimize
 
 from data.common.cli import Parser, run_command
 from data.common.files import write_json
-from data.geometry import se2
 from data.geometry.se2 import Array
-from data.scene_graph import SceneGraph
+from data.plans.sources import Split
 from data.synthetic_maps.noise_models import DrawnGraph, draw
-from matching.engine.assignment import Pairs, assign
+from matching.engine.assignment import assign
 from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
 from matching.engine.room_signs import room_signs
 from matching.engine.verdict import SHIPPED, Calibration, Signs
-from matching.training.data import Split, generated, seeds_of
+from matching.training.truth import KINDS, ROOMS, Surfaces, generated, right_of, seeds_of, surfaces_of, thinned
 
-KINDS = ("apartment", "office", "corridor", "l_shape", "skewed", "mirrored_twins", "tower")
 NOISE = ("real", "drift", "mis_segmented", "heavy_drift")
-ROOMS = (1, 2, 3, 4, 6, 9, None)
-SEEDS = 90  # of generated plans of each kind
 REGIMES = {
     "whole": 0.4,
     "foreign": 0.25,
@@ -37,10 +33,7 @@ REGIMES = {
     "partial": 0.2,
 }  # shares of the maps; another plan of the same
 # kind is alike in parts
-THINNED = 0.2, 0.6  # shares of the walls that a plan lacks
 FOREIGN = 0.05  # probability beforehand that the plan is of another building: users rarely mistake it
-RIGHT = 0.8  # of a hypothesis' wall pairs, by number, that are true, or
-RIGHT_M, RIGHT_RAD = 1.0, float(np.radians(5))  # how near it is to the true place
 COMPARED = 100  # hypotheses of a map whose truth is looked up: a tower has many equal places
 SEPARATION, START = (1.0, 0.1, 0.02), (0.0, 0.0, 0.0, 0.0)  # where fits begin
 MISLABELLED = (
@@ -48,7 +41,6 @@ MISLABELLED = (
 )
 APART = 0.9  # probability of the best hypothesis among all: of such maps, those in the plan are fitted
 RIDGE = 1e-4  # of the standardised coefficients
-Surfaces = tuple[tuple[float, bool], ...]  # shares of a hypothesis' pairs of surfaces, and whether they are true
 
 
 @dataclass(frozen=True)
@@ -80,7 +72,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def answers_on(count: int, seed: int, split: Split = "train") -> Iterator[Answer]:
     """Matches maps of generated plans of a split until `count` of them have a hypothesis."""
-    rng, done, seeds = np.random.default_rng(seed), 0, seeds_of(split, SEEDS)
+    rng, done, seeds = np.random.default_rng(seed), 0, seeds_of(split)
     while done < count:
         kind, regime = str(rng.choice(KINDS)), str(rng.choice([*REGIMES], p=[*REGIMES.values()]))
         plan, other = (generated(kind, int(rng.choice(seeds[kind]))).graph for _ in range(2))
@@ -95,12 +87,6 @@ def answers_on(count: int, seed: int, split: Split = "train") -> Iterator[Answer
             yield _answer(found, drawn, regime)
 
 
-def thinned(plan: SceneGraph, rng: np.random.Generator) -> SceneGraph:
-    """The plan without some of its walls."""
-    kept = rng.random(len(plan.wall_surfaces)) >= rng.uniform(*THINNED)
-    return replace(plan, wall_surfaces=tuple(w for w, keep in zip(plan.wall_surfaces, kept, strict=True) if keep))
-
-
 def _answer(found: Hypotheses, truth: DrawnGraph, regime: str) -> Answer:
     if regime == "foreign":
         return Answer(regime, Signs.of(found), (False,) * len(found), (), ())
@@ -113,30 +99,6 @@ def _answer(found: Hypotheses, truth: DrawnGraph, regime: str) -> Answer:
     true = [truth.rooms.get(s.rooms[r].id) == a.rooms[q].id for r, q, _ in pairs[0].rooms]
     signs = room_signs(found, pairs[0].rooms).tolist()
     return Answer(regime, Signs.of(found), right, tuple(zip(signs, true, strict=True)), surfaces[0])
-
-
-def right_of(found: Hypotheses, truth: DrawnGraph, surfaces: Sequence[Surfaces]) -> tuple[bool, ...]:
-    """Whether each hypothesis with these pairs is right: of a map that deforms many walls may be a neighbour's."""
-    near = is_near(found, truth.s_graph, np.array(truth.T_a_s), truth.floor)
-    return tuple(
-        near[k] or (len(walls) > 0 and sum(true for _, true in walls) > RIGHT * len(walls))
-        for k, walls in enumerate(surfaces)
-    )
-
-
-def is_near(found: Hypotheses, s: SceneGraph, true: Array, floor: str | None) -> list[bool]:
-    """Whether each hypothesis is near the true place (3,) of a map."""
-    middle = np.array(s.centroid())
-    off = np.linalg.norm(se2.apply(found.between_graphs, middle) - se2.apply(true, middle), axis=-1)
-    turn = np.abs(se2.wrap(found.between_graphs[:, 0] - true[0]))
-    floors = [floor in (None, found.scene.plan.storeys[int(k)].floor) for k in found.fields.storey]
-    return [bool(near) for near in (off < RIGHT_M) & (turn < RIGHT_RAD) & np.array(floors)]
-
-
-def surfaces_of(found: Hypotheses, k: int, pairs: Pairs, truth: DrawnGraph) -> Surfaces:
-    """The shares of a hypothesis' pairs of surfaces, and whether they are true."""
-    s, a = found.scene.s, found.scene.plan.storeys[int(found.fields.storey[k])]
-    return tuple((c, truth.wall_surfaces.get(s.ids[i]) == a.ids[j]) for i, j, c in pairs.surfaces)
 
 
 def fit(answers: Sequence[Answer]) -> Calibration:

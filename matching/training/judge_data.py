@@ -22,8 +22,7 @@ from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
 from matching.engine.verdict import Signs
 from matching.judge.placements import PLACEMENT, RIVALS, TOKEN, Placements, placements_of
-from matching.training.calibrate import KINDS, ROOMS, SEEDS, is_near, right_of, surfaces_of, thinned
-from matching.training.data import generated, seeds_of
+from matching.training.truth import KINDS, ROOMS, generated, is_near, right_of, seeds_of, surfaces_of, thinned
 
 REGIMES = {"whole": 0.6, "thinned": 0.15, "foreign": 0.2, "mirrored": 0.05}  # shares of plans
 OF_OTHERS = ("foreign", "mirrored")  # the map is not in these plans
@@ -78,7 +77,7 @@ def drawn_levels(rng: np.random.Generator) -> NoiseLevels:
 
 def drawn_examples(split: Split, seed: int, number: int, count: int) -> list[Example]:
     """The part `number` of the examples of a split: those of `count` maps; always the same."""
-    rng, seeds = np.random.default_rng([seed, number, len(split)]), seeds_of(split, SEEDS)
+    rng, seeds = np.random.default_rng([seed, number, len(split)]), seeds_of(split)
     found: list[Example] = []
     while len(found) < count:
         kind, regime = str(rng.choice(KINDS)), str(rng.choice([*REGIMES], p=[*REGIMES.values()]))

@@ -19,17 +19,18 @@ def main(arguments: list[str] | None = None) -> int:
 
     from data.common.files import write_atomically, write_json
     from data.plans import load_bim
+    from matching.matcher import DEFAULT
     from sgslam.inspection import InspectionSettings, inspect
     from sgslam.inspection.page import inspection_html
     from sgslam.result.saving import prepare_folder
 
     bim = load_bim(options.bim, layers=options.layer)
     out = prepare_folder(options.out)
-    settings = {"method": options.method, "maps": options.maps, "seed": options.seed}
+    settings = {"method": options.method or DEFAULT, "maps": options.maps, "seed": options.seed}
     console = Console(stderr=True)
     with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
         task = bar.add_task("start rooms", total=None)
-        told = InspectionSettings(options.method, options.maps, options.seed)
+        told = InspectionSettings(*settings.values())
         found = inspect(
             bim.graph, bim.notices, told, options.jobs, lambda done, of: bar.update(task, completed=done, total=of)
         )
@@ -57,7 +58,7 @@ def _parser() -> Parser:
     out = {"required": True, "help": f"folder for {PAGE} and {VALUES}"}
     add_options(parser, "layer", bim={"flag": "bim"}, out=out, seed={"help": "random seed of the maps (default: 0)"})
     add = parser.add_argument
-    add("--method", default="learned", metavar="NAME", help="matching method (default: learned)")
+    add("--method", metavar="NAME", help="matching method (default: that of runs)")
     most = "maximum number of maps per set of rooms (default: 21)"
     add("--maps", type=bounded("--maps", int, 1), default=21, metavar="N", help=most)
     processes = "number of processes (default: one per core)"

@@ -4,6 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
+from matching.matcher import DEFAULT
 from sgslam.config.tracking_settings import FloorSettings, Settings, TrackingSettings
 
 
@@ -219,15 +220,8 @@ class AsBuiltSettings(Settings):
 class MatchingSettings(Settings):
     """How the S-graph is matched with the plan."""
 
-    method: str = "learned"
-    """name of the matcher, such as learned or voting"""
-    judge: Literal["none", "learned"] = "none"
-    """what tells how probable each place is: the evidence alone, or the learned judge of places"""
-
-    @property
-    def judged(self) -> bool:
-        """Whether places are judged."""
-        return self.judge == "learned"
+    method: str = DEFAULT
+    """name of the matcher: voting, or learned, where a network judges how probable each place is"""
 
 
 class Config(Settings):

@@ -14,6 +14,7 @@ from matching import Matcher
 from matching.ambiguity.plan_checks import PlanIssue, count_walls, plan_issues, walls_without_room
 from matching.ambiguity.rooms_to_localise import MatchCache, RoomsToLocalise, rooms_to_localise
 from matching.ambiguity.symmetries import SelfSimilarity, SimilarPlace
+from matching.matcher import DEFAULT
 
 _BLOCK = 12  # start rooms of a storey that one process inspects, since their maps are partly the same
 
@@ -67,7 +68,7 @@ class Inspection:
 class InspectionSettings:
     """The matcher's name, the maximum number of maps of the same rooms, and the seed."""
 
-    method: str = "learned"
+    method: str = DEFAULT
     max_maps: int = 21
     seed: int = 0
 

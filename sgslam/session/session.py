@@ -163,8 +163,7 @@ class Session:
     @property
     def matcher_in_use(self) -> AnyMatcher:
         """The given matcher, or that of the settings."""
-        matching = self._config.matching
-        self.matcher = self.matcher or Matcher.load(matching.method, matching.judged)
+        self.matcher = self.matcher or Matcher.load(self._config.matching.method)
         return self.matcher
 
     def _anchored_in(self, plan: SceneGraph | None, is_prior: bool) -> BuildingAnchoring | None:

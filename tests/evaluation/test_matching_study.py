@@ -28,6 +28,7 @@ from evaluation.rows import Provenance, Row
 from evaluation.studies.matching import STUDY, Choice, cases, measure
 from evaluation.tables import frame
 from matching import MatchResult
+from matching.matcher import DEFAULT
 from matching.training.judge_data import MapInPlan
 
 SEEDS = (3, 4, 17, 22)  # the first two houses are for training by their names, the others for tests
@@ -97,10 +98,10 @@ def test_plans_that_anything_was_chosen_by_are_named_so(folder: Path, tmp_path: 
     assert [role("generated", f"office_{n}")[:4] for n in seeds] == ["trai", "deve", "deve", "test"]
     assert role("sgslam", "generated/office_21", regime="sgslam") == "training"
     assert role("sgslam", "institute", regime="sgslam") == "development"
-    network, names = tmp_path / "learned.onnx", [f"flat_{seed}" for seed in SEEDS]
+    network, names = tmp_path / "paper.safetensors", [f"flat_{seed}" for seed in SEEDS]
     network.touch()
     write_json(tmp_path / "model_card.json", {"data": {"files": ["../plans/msd", "lifull.tar.gz"]}})
-    assert trained_on(f"learned@{network}") == {"msd", "lifull"} and trained_on("learned") == set()
+    assert trained_on(f"paper@{network}") == {"msd", "lifull"} and trained_on("paper") == set()
     for trained, roles in (((), ["test"] * 4), (("msd",), ["training", "training", "test", "test"])):
         assert [role(str(folder), name, trained) for name in names] == roles
     shutil.copytree(folder, tmp_path / "swiss_floors")
@@ -128,13 +129,13 @@ def test_tables_and_claims_are_of_rows_by_their_roles(folder: Path, tmp_path: Pa
     shutil.copytree(folder, tmp_path / "swiss_floors")
     every = cases(choice(folder, regimes=["real", "negative", "perturbed"])) + cases(choice(tmp_path / "swiss_floors"))
     made = Provenance(build="", commit="", command="", machine="", date="")
-    named = [case.model_dump(mode="json") | {"method": "learned"} for case in every]  # whose results are claimed
+    named = [case.model_dump(mode="json") | {"method": DEFAULT} for case in every]  # whose results are claimed
     rows = frame([Row(name, measure(case, tmp_path), made) for name, case in zip(named, every, strict=True)])
     found = STUDY.tables(rows)
     f1, of_nowhere = found["methods"]["wall F1"]
     assert 0.6 < float(f1) < 1.0 and of_nowhere == ""
     assert found["sets"][["role", "maps"]].to_numpy().tolist() == [["test", "8"], ["development", "8"]]
-    assert found["published"].method.tolist()[4:] == ["learned"] and float(found["published"].F1.iloc[-1]) > 0.9
+    assert found["published"].method.tolist()[4:] == [DEFAULT] and float(found["published"].F1.iloc[-1]) > 0.9
     assert STUDY.claims(rows)[0].units == "8 maps, 4 buildings"
 
 

@@ -9,8 +9,8 @@ from plans import a_graph, box, flat
 from data import SceneGraph
 from matching import Matcher
 
-METHODS = ("learned", "judged", "voting", "paper", "combinatorial")
-VERIFYING = ("learned", "judged", "voting")  # they compare every place with the others before they call one unique
+METHODS = ("learned", "voting", "paper", "combinatorial")
+VERIFYING = ("learned", "voting")  # they compare every place with the others before they call one unique
 
 # no mirror image of these rooms fits them
 CHIRAL = [box(0, 0, 5, 3), box(5.2, 0, 3, 4), box(0, 3.2, 3.5, 4.5), box(8.4, 0, 6, 2.5), box(3.7, 4.2, 4.3, 3),
@@ -20,8 +20,8 @@ SMALL = a_graph(flat(np.random.default_rng(5), 11, 8), "ground")  # six rooms
 
 @functools.cache
 def matcher(method: str) -> Matcher:
-    """The method of that name; `judged` is `learned` with the judge of places."""
-    return Matcher.load("learned", judge=True) if method == "judged" else Matcher.load(method)
+    """The method of that name."""
+    return Matcher.load(method)
 
 
 def as_map(plan: SceneGraph) -> SceneGraph:

@@ -4,13 +4,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from methods import matcher
 from plans import a_graph, box, moved
 
 from data import Door, SceneGraph
 from data.generation.buildings import generate_plan
 from data.generation.plan_mesh import write_plan_mesh
 from data.plans.mesh_plan import read_mesh
-from matching import Matcher
 
 WIDE, DEEP, APART = 4.3, 7.7, 4.4
 
@@ -29,15 +29,15 @@ def test_both_places_of_a_door_are_reported_however_long_the_row(rooms: int, see
         wall_surfaces=tuple(w for w in row.wall_surfaces if w.room in pair),
     )  # fmt: skip
     plan = replace(row, doors=tuple(doors.values()))
-    answer = Matcher.load("learned").match(moved(s, 0.7, 3.0, -2.0), plan)
+    answer = matcher("voting").match(moved(s, 0.7, 3.0, -2.0), plan)
     assert answer.status == "ambiguous"
     assert {dict(h.rooms)[f"room{seen}"] for h in answer.hypotheses[:2]} == {f"room{seen}", f"room{other}"}
 
 
-def test_a_place_that_the_network_does_not_propose_is_found_by_its_corners(tmp_path: Path) -> None:
-    """A map of a run in a corridor with four of its equal rooms; the network alone named other rooms, 12 m away."""
+def test_a_map_of_a_run_is_found_among_equal_rooms(tmp_path: Path) -> None:
+    """It holds a corridor with four of its equal rooms; others are 12 m away."""
     write_plan_mesh(generate_plan("l_shape", 2).graph, tmp_path / "plan.stl")
     seen = SceneGraph.load(Path(__file__).with_name("corridor_of_equal_rooms.json"))
-    answer = Matcher.load("learned").match(seen, read_mesh(tmp_path / "plan.stl").graph)
+    answer = matcher("voting").match(seen, read_mesh(tmp_path / "plan.stl").graph)
     assert (answer.hypotheses[0].probability or 0.0) > 0.9
     assert answer.T_a_s == pytest.approx((0.860, 32.17, 41.98), abs=0.05)

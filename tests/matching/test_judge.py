@@ -19,12 +19,11 @@ from matching.engine.verdict import Signs
 from matching.judge import Judge, judge, placements_of
 from matching.result import MatchResult
 from matching.train_judge import main
-from matching.training.calibrate import RIGHT_M
-from matching.training.data import generated, seeds_of
 from matching.training.judge import JudgeNetwork, JudgeTraining, calibrated, save_judge
 from matching.training.judge_data import Examples, MapInPlan, drawn_examples
+from matching.training.truth import RIGHT_M, generated, seeds_of
 
-UNSEEN = seeds_of("test", 90)  # nothing was trained or fitted on these buildings
+UNSEEN = seeds_of("test")  # nothing was trained or fitted on these buildings
 KINDS = ("apartment", "office", "corridor", "mirrored_twins")
 
 
@@ -73,11 +72,11 @@ def test_equal_places_are_equally_probable_in_any_order(found: Hypotheses) -> No
 def test_the_plan_of_another_building_is_not_unique() -> None:
     for n, (kind, drawn) in enumerate(maps(50, 4)):
         other = generated(kind, UNSEEN[kind][(n + 1) % len(UNSEEN[kind])]).graph
-        assert matcher("judged").match(drawn.s_graph, other).status != "unique", (kind, n)
+        assert matcher("learned").match(drawn.s_graph, other).status != "unique", (kind, n)
 
 
 def test_it_decides_more_than_the_evidence_and_nothing_wrongly() -> None:
-    decided = dict.fromkeys(("learned", "judged"), 0)
+    decided = dict.fromkeys(("voting", "learned"), 0)
     for n, (kind, drawn) in enumerate(maps(100, 3)):
         plan = generated(kind, UNSEEN[kind][n % len(UNSEEN[kind])]).graph
         for method in decided:
@@ -85,18 +84,21 @@ def test_it_decides_more_than_the_evidence_and_nothing_wrongly() -> None:
             if answer.hypotheses and (answer.hypotheses[0].probability or 0.0) >= 0.99:
                 decided[method] += 1
                 assert is_right(answer, drawn), (method, kind, n)
-    assert decided["judged"] > 1.1 * decided["learned"]
+    assert decided["learned"] > 1.1 * decided["voting"]
 
 
-def test_missing_and_wrong_weights_give_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(judge, "SHIPPED", tmp_path / "none.safetensors")
-    with pytest.raises(UserError, match=r"judge's weights are missing.*matching\.train_judge"):
-        Matcher.load("learned", judge=True)
-    (tmp_path / "other.safetensors").write_bytes(b"nothing")
-    with pytest.raises(UserError, match="no weights of a judge"):
-        Judge.load(tmp_path / "other.safetensors")
-    with pytest.raises(UserError, match="answers of 'paper' cannot be judged"):
-        Matcher.load("paper", judge=True)
+def test_missing_and_wrong_weights_give_one_line(tmp_path: Path) -> None:
+    other = Path(judge.__file__).parents[1] / "weights/paper_published.safetensors"
+    files = {"none": "cannot be read", "text": "no weights of a judge", "cut": "no weights of a judge"}
+    (tmp_path / "text").write_bytes(b"nothing")
+    (tmp_path / "cut").write_bytes(judge.SHIPPED.read_bytes()[:-4])
+    for file, wrong in {**{tmp_path / name: wrong for name, wrong in files.items()}, other: "another network",
+                        tmp_path: "cannot be read"}.items():  # fmt: skip
+        with pytest.raises(UserError, match=wrong) as error:
+            Matcher.load(f"learned@{file}")
+        assert str(file) in str(error.value) and "\n" not in str(error.value)
+    with pytest.raises(UserError, match="takes no weights"):
+        Matcher.load(f"voting@{judge.SHIPPED}")
 
 
 def test_the_trained_network_is_the_one_that_judges(found: Hypotheses, examples: Examples, tmp_path: Path) -> None:

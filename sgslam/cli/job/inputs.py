@@ -141,7 +141,7 @@ class RunInputs:
 
         options, config, scans = self.options, self.config, self.scans
         try:
-            matcher = Matcher.load(config.matching.method, config.matching.judged)
+            matcher = Matcher.load(config.matching.method)
         except UserError as error:
             raise UserError(f"setting matching.method: {error}") from None
         prior = None if options.map is None else self._prior_map(options.map)

@@ -29,7 +29,7 @@ from data.slam_output.g2o import read_g2o
 from data.streams import McapPipe
 from data.trajectory.readers import read_poses
 from data.trajectory.stamps import read_times
-from matching.proposals.learned import LearnedProposer
+from matching.judge import Judge
 from sgslam.config import Config
 from sgslam.config.loading import load_config, save_config
 from sgslam.serialization import read_state, write_state
@@ -103,14 +103,13 @@ def _lines(form: str, folder: Path) -> list[bytes]:
     return ["".join(form.replace("{k}", str(k)) for k in range(10)).encode()]
 
 
-def _network(_: Path) -> list[bytes]:
-    import torch
+def _judge(folder: Path) -> list[bytes]:
+    from matching.judge.judge import shapes
+    from matching.training.judge import save_judge
 
-    from matching.proposals.network import MatchingNetwork, Settings
-    from matching.training.export import to_onnx
-
-    torch.manual_seed(0)  # the one that is shipped has more weights than form
-    return [to_onnx(MatchingNetwork(Settings(width=8, layers=1, candidates=4, more=2, state=4)))]
+    # the one that is shipped has more weights than form
+    save_judge(folder / "a", Judge({name: np.zeros(size, np.float32) for name, size in shapes(4).items()}))
+    return [(folder / "a").read_bytes()]
 
 
 def _state(folder: Path) -> list[bytes]:
@@ -149,7 +148,7 @@ def _all() -> Iterator[Reader]:
         "g2o", ".g2o", lambda _: ["\n".join(drawn_graph().lines).encode()], lambda p: read_g2o(p).scene_graph()
     )
     yield Reader("settings", ".yaml", lambda _: [*SETTINGS], lambda path: load_config(path, []), 0.3)
-    yield Reader("network", ".onnx", _network, LearnedProposer.load, 0.5)
+    yield Reader("judge", ".safetensors", _judge, Judge.load, 0.5)
     yield Reader("state", ".bin", _state, read_state, 0.5)
 
 
