@@ -23,7 +23,7 @@ COMMANDS = {  # the module whose `main` is called, and a line for the help
     "export": ("sgslam.cli.export", "export a finished run to the formats of other programs"),
     "compare": ("sgslam.as_built.compare", "list what was built, removed or moved between two runs"),
     "simulate": ("data.simulate", "simulate a LiDAR that a robot or a person carries through a building"),
-    "train": ("matching.train_judge", "train the network that judges places"),
+    "train": ("matching.train", "train the network that judges places"),
     "evaluate": ("evaluation.__main__", "run studies; 'sgslam evaluate list' lists them"),
     "doctor": ("sgslam.cli.doctor", "check the installation"),
     "dump-config": ("sgslam.cli.dump_config", "print all settings with descriptions, as YAML for --config"),

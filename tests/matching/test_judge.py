@@ -18,7 +18,7 @@ from matching.engine.plan_walls import PlanWalls
 from matching.engine.verdict import Signs
 from matching.judge import Judge, judge, placements_of
 from matching.result import MatchResult
-from matching.train_judge import main
+from matching.train import main
 from matching.training.judge import JudgeNetwork, JudgeTraining, calibrated, save_judge
 from matching.training.judge_data import Examples, MapInPlan, drawn_examples
 from matching.training.truth import RIGHT_M, generated, seeds_of
@@ -147,4 +147,4 @@ def test_the_command_trains_on_maps_of_files_too(tmp_path: Path) -> None:
     assert main(words) == 0
     assert Judge.load(tmp_path / "run" / "judge.safetensors").temperature > 0
     (own / "corridor.map.json").write_text("{}")
-    assert "no map of python -m evaluation.maps" in refused("matching.train_judge", *words, "--seed", "1")
+    assert "no map of python -m evaluation.maps" in refused("matching.train", *words, "--seed", "1")

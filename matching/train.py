@@ -1,4 +1,4 @@
-"""`python -m matching.train_judge`: trains the judge of placements, on maps that are drawn and on maps by SLAM."""
+"""`python -m matching.train`: trains the judge of placements, on maps that are drawn and on maps by SLAM."""
 
 import shlex
 import sys
@@ -28,7 +28,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Runs the command. Raises UserError."""
     given = sys.argv[1:] if arguments is None else arguments
     parser = Parser(
-        prog="python -m matching.train_judge",
+        prog="python -m matching.train",
         description="Train the judge of placements; resume if --out holds a run. Write judge.safetensors and "
         "judge.json.",
     )
