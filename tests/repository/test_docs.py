@@ -127,7 +127,7 @@ def material(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "demo").mkdir()
     write_demo_building(folder / "demo/demo_building.ifc")
     drive.truth.write_tum(folder / "truth.tum")
-    for link, target in (("SCANS", "scans"), ("BUILDING.ifc", "building.ifc"), ("my_network", "matching/weights")):
+    for link, target in (("SCANS", "scans"), ("BUILDING.ifc", "building.ifc"), ("my_judge", "matching/weights")):
         (folder / link).symlink_to(ROOT / target if "/" in target else target)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
