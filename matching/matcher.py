@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Union
 
 from data.common.errors import UserError
 from data.scene_graph import SceneGraph, implausible
-from matching.combinatorial import CombinatorialMatcher
+from matching.published.combinatorial import CombinatorialMatcher
 from matching.result import AnyMatcher, MatchResult, Start
 
 if TYPE_CHECKING:
