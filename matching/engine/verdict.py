@@ -108,7 +108,7 @@ class Signs:
 
     @property
     def features(self) -> tuple[float, float, float]:
-        """Those of `PlaceModel.place`."""
+        """Those of `Calibration.place`."""
         return max(self.evidence[0], 0.0) / math.exp(self.walls), self.walls, self.places
 
     @staticmethod

@@ -13,26 +13,21 @@ Walls are infinite planes: lengths, doors, adjacency and floors play no part. Di
 mirror, so mirror images are found too. The search is exponential in rooms and factorial in walls. It differs from the
 published one as follows: random starts have a seed, rounding makes no angle undefined, an empty map gives a result,
 walls without a room are paired one to one, and a rigid motion is fitted to the pairs. Earlier maps are not remembered.
-
-P. C. Lusk, K. Fathian, J. P. How: CLIPPER: A Graph-Theoretic Framework for Robust Data Association. ICRA 2021.
-max u'Mu over unit u >= 0 with u_i u_j = 0 where i and j contradict each other (M_ij = 0): projected gradient ascent
-of u'(M - d C)u, C marking contradictions, with d raised until none is left.
 """
 
-import itertools
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from data.geometry import se2
 from data.geometry.se2 import Array
 from data.scene_graph import SceneGraph, WallSurface
 from matching.arrays import Index
+from matching.published.clipper import Deadline, Pairs, agreeing_sets, assignments
 from matching.result import Hypothesis, MatchResult, Start, near_start
 
 TIME_LIMIT_S = 60.0
@@ -41,127 +36,6 @@ TIE = 0.01  # solutions whose consistency differs by no more are as good as each
 MOST_COMBINATIONS = 1 << 17  # that are scored at once
 ROOM_WEIGHT = 0.1  # of a centroid relative to a wall in the fit: decides only what the walls leave undetermined
 LISTED = 10  # hypotheses in the result, at most
-LEAST_SCORE = 0.85  # of a set of pairs, as in the released matcher
-MOST_ASSIGNMENTS, MOST_AFFINITIES = 4096, 1 << 20  # that are computed at once
-
-# of the ascent
-INNER, OUTER = 200, 1000  # iterations at most: steps for one d, and values of d
-STEP_TOLERANCE, VALUE_TOLERANCE, ZERO = 1e-8, 1e-9, 1e-9
-BACKTRACK, MOST_BACKTRACKS = 0.25, 99  # a step that loses is cut to a quarter
-
-Pairs = tuple[tuple[int, int], ...]  # (S, A) rows
-
-
-class TimeIsUpError(Exception):
-    """The search exceeded its time limit."""
-
-
-@dataclass(frozen=True)
-class Deadline:
-    """The time at which the search stops, by `time.perf_counter()`."""
-
-    at: float
-
-    def check(self) -> None:
-        """Raises TimeIsUpError."""
-        if time.perf_counter() > self.at:
-            raise TimeIsUpError
-
-
-def assignments(s: int, a: int, fits: NDArray[np.bool_] | None = None) -> Iterator[Index]:
-    """Yields all ways to assign s data different ones of a data, (B, s) at a time; none if s is more than a.
-
-    With `fits` (a, s), only those whose pairs all fit.
-    """
-    every = itertools.chain.from_iterable(itertools.permutations(range(a), s))
-    chunk = min(MOST_ASSIGNMENTS, max(1, MOST_AFFINITIES // max(s, 1) ** 2))
-    for _ in range(-(-math.perm(a, s) // chunk) if s else 0):
-        of_a = np.fromiter(itertools.islice(every, chunk * s), dtype=np.int64).reshape(-1, s)
-        yield of_a if fits is None else of_a[fits[of_a, np.arange(s)].all(axis=1)]
-
-
-def agreeing_sets(assigned: Iterator[Index], affinity: Callable[[Index], Array], deadline: Deadline) -> list[Pairs]:
-    """Returns the largest sets of pairs within the assignments whose score is above `LEAST_SCORE`, each once, in order
-    of finding.
-
-    `affinity` maps (B, n), the A data of the n S data, to (B, n, n) affinities in [0, 1], 1 on the diagonal. Raises
-    TimeIsUpError.
-    """
-    rng = np.random.default_rng(0)  # the publication takes any seed; a fixed one gives the same answer each time
-    found: dict[Pairs, None] = {}
-    longest = 0
-    for of_a in assigned:
-        deadline.check()
-        value, chosen = densest(affinity(of_a), rng, deadline)
-        size = chosen.sum(axis=1)
-        score = value / np.maximum(size, 1)
-        longest = max(longest, int(size[score > LEAST_SCORE].max(initial=0)))
-        for k in np.nonzero((score > LEAST_SCORE) & (size == longest))[0]:
-            at = np.nonzero(chosen[k])[0]
-            found[tuple(zip(at.tolist(), of_a[k, at].tolist(), strict=True))] = None
-    return [pairs for pairs in found if len(pairs) == longest > 0]
-
-
-def densest(M: Array, rng: np.random.Generator, deadline: Deadline) -> tuple[Array, NDArray[np.bool_]]:
-    """Solves B problems of (B, n, n) affinities from random starts.
-
-    Returns u'Mu (B,), and which of the n pairs are chosen (B, n): the largest entries of u, as many as the value.
-    Raises TimeIsUpError.
-    """
-    u = _unit(_times(M, rng.random(M.shape[:2])))
-    contradicts = (M == 0).astype(float)
-    d = _penalty(M, contradicts, u)
-    value = np.zeros(len(M))
-    left = np.arange(len(M))
-    for _ in range(OUTER):
-        value[left], u[left] = _climb(M[left] - d[left, None, None] * contradicts[left], u[left], deadline)
-        more = _penalty(M[left], contradicts[left], u[left])
-        d[left] += more
-        left = left[more > 0]
-        if not len(left):
-            break
-    rank = np.argsort(np.argsort(-u, axis=1, kind="stable"), axis=1)
-    return value, rank < np.round(value)[:, None]
-
-
-def _climb(Md: Array, u: Array, deadline: Deadline) -> tuple[Array, Array]:
-    """Projected gradient ascent of u'Md u on the part u >= 0 of the unit sphere."""
-    value = np.sum(u * _times(Md, u), axis=1)
-    left = np.arange(len(Md))
-    for _ in range(INNER):
-        deadline.check()
-        now, own, before = u[left], Md[left], value[left]
-        gradient = _times(own, now)
-        step = np.ones(len(left))
-        for _ in range(MOST_BACKTRACKS):
-            new = _unit(np.maximum(now + step[:, None] * gradient, 0.0))
-            after = np.sum(new * _times(own, new), axis=1)
-            lost = after < before - VALUE_TOLERANCE
-            if not lost.any():
-                break
-            step[lost] *= BACKTRACK
-        u[left], value[left] = new, after
-        moved = np.linalg.norm(new - now, axis=1) >= STEP_TOLERANCE
-        left = left[moved & (np.abs(after - before) >= VALUE_TOLERANCE)]
-        if not len(left):
-            break
-    return value, u
-
-
-def _penalty(M: Array, contradicts: Array, u: Array) -> Array:
-    """(B,) by how much d is to be raised; 0 if no contradiction is left."""
-    against = _times(contradicts, u)
-    at = (against > ZERO) & (u > ZERO)
-    ratio = np.where(at, _times(M, u) / np.where(at, against, 1.0), 0.0)
-    return np.asarray(np.abs(ratio.sum(axis=1) / np.maximum(at.sum(axis=1), 1)))
-
-
-def _times(M: Array, u: Array) -> Array:
-    return np.asarray(np.matmul(M, u[..., None])[..., 0])
-
-
-def _unit(u: Array) -> Array:
-    return np.asarray(u / np.maximum(np.linalg.norm(u, axis=-1, keepdims=True), 1e-300))
 
 
 @dataclass(frozen=True)
@@ -248,7 +122,7 @@ class Search:
         self.wall_sets = cache(self._wall_sets)
 
     def run(self) -> list[Solution]:
-        """Returns the solutions that tie. Raises TimeIsUpError."""
+        """Returns the solutions that tie. Raises TimeoutError."""
         found: list[Solution] = []
         for rooms in self.room_sets():
             sets = [self.wall_sets(r, q) for r, q in rooms]
@@ -293,7 +167,7 @@ class Search:
         return [tuple((int(of_s[i]), int(of_a[j])) for i, j in pairs) for pairs in found]
 
     def combined(self, rooms: Pairs, sets: Sequence[list[Pairs]]) -> list[Solution]:
-        """Returns all consistent combinations of one wall set of each room pair. Raises TimeIsUpError.
+        """Returns all consistent combinations of one wall set of each room pair. Raises TimeoutError.
 
         The mean of a combination's affinities is computed as a sum of blocks, one for each pair of wall sets.
         """
@@ -393,7 +267,7 @@ class CombinatorialMatcher:
         reason = "no set of rooms and walls agrees with the plan"
         try:
             solutions = Search(ours, theirs, Deadline(began + TIME_LIMIT_S)).run()
-        except TimeIsUpError:
+        except TimeoutError:
             solutions, reason = [], f"the search did not end within {TIME_LIMIT_S:g} s"
         found = [(m, fitted(ours, theirs, m)) for m in solutions]
         if start is not None:
