@@ -158,7 +158,7 @@ class PlanCache(Generic[T]):
         return known[1]
 
 
-def points_along(centre: Array, tangent: Array, half: Array, count: Index) -> tuple[Array, Index]:
+def _points_along(centre: Array, tangent: Array, half: Array, count: Index) -> tuple[Array, Index]:
     """(P, 2) `count` (N,) points along each wall, at least two, from end to end; and (P,) the walls they belong to."""
     wall = np.repeat(np.arange(len(half)), count)
     step = np.arange(len(wall)) - np.repeat(np.cumsum(count) - count, count)
@@ -177,7 +177,7 @@ def _buildings(centre: Array, tangent: Array, half: Array) -> Index:
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    points, wall = points_along(centre, tangent, half, np.ceil(2 * half / BUILDING_GAP).astype(np.int64) + 1)
+    points, wall = _points_along(centre, tangent, half, np.ceil(2 * half / BUILDING_GAP).astype(np.int64) + 1)
     i, j = cKDTree(points).query_pairs(BUILDING_GAP, output_type="ndarray").T
     near = coo_matrix((np.ones(len(i)), (wall[i], wall[j])), shape=(len(half), len(half)))
     return np.asarray(connected_components(near, directed=False)[1], dtype=np.int64)
