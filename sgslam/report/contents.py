@@ -162,7 +162,7 @@ def path_length(places: Array) -> float:
 
 
 def placement(data: ReportData, floor: Floor | None) -> tuple[Array, str]:
-    """T_plan_map (4, 4) and the plan's heading, which states how reliable it is.
+    """T_plan_map (4, 4), in plan view, and the plan's heading, which states how reliable it is.
 
     The plan's frame is the BIM frame where there is a BIM, else the map frame.
     """
@@ -173,7 +173,7 @@ def placement(data: ReportData, floor: Floor | None) -> tuple[Array, str]:
     if data.T_bim_map is not None:
         T_plan_map, remark = data.T_bim_map, ""
     elif best is not None:
-        T_plan_map = _hypothesis_pose(data, best, floor)
+        T_plan_map = se2_to_se3(*best)
         remark = "; the map is placed by the best hypothesis, which was not accepted"
     else:
         T_plan_map = _pose_beside_plan(data, floor)
@@ -183,14 +183,6 @@ def placement(data: ReportData, floor: Floor | None) -> tuple[Array, str]:
     return T_plan_map, ((floor.name or floor.id) if floor else "The plan") + remark
 
 
-def _hypothesis_pose(data: ReportData, T_a_s: list[float], floor: Floor | None) -> Array:
-    """T_bim_map (4, 4) of a hypothesis `T_a_s` [yaw, x, y], with the map's floor at the storey's elevation."""
-    planned = floor.elevation if floor else None
-    ours = next((f.elevation for f in data.s_graph.floors if f.elevation is not None), None)
-    yaw, x, y = T_a_s
-    return se2_to_se3(yaw, x, y, planned - ours if planned is not None and ours is not None else 0.0)
-
-
 def _pose_beside_plan(data: ReportData, floor: Floor | None) -> Array:
     assert data.a_graph is not None
     items: list[WallSurface | Room] = [*data.a_graph.wall_surfaces, *data.a_graph.rooms]
@@ -198,7 +190,7 @@ def _pose_beside_plan(data: ReportData, floor: Floor | None) -> Array:
     ours: list[Any] = [w.centroid for w in data.s_graph.wall_surfaces]
     ours += list(data.trajectory_map.positions[:, :2])
     if not plan or not ours:
-        return _hypothesis_pose(data, [0.0, 0.0, 0.0], floor)
+        return np.eye(4)
     x = float(np.max(plan, axis=0)[0] - np.min(ours, axis=0)[0]) + BESIDE_GAP_M
     y = float(np.mean(plan, axis=0)[1] - np.mean(ours, axis=0)[1])
-    return _hypothesis_pose(data, [0.0, x, y], floor)
+    return se2_to_se3(0.0, x, y)

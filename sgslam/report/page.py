@@ -13,7 +13,6 @@ from sgslam.report.error_chart import chart_data, error_chart, error_lines
 from sgslam.report.html_page import TEMPLATES
 from sgslam.report.plan_drawing import plan_drawing
 from sgslam.report.plan_svg import plan_svg
-from sgslam.report.scene_3d import scene_data, scene_layers
 
 _DRAWN = ("rooms-matched", "bim-walls", "walls-unmatched", "walls-matched")  # of each
 
@@ -24,12 +23,10 @@ def write_report(data: ReportData, path: Path | str) -> None:
 
 
 def report_html(data: ReportData) -> str:
-    """The page: status, key figures, plan, 3D view, errors and tables. All strings from data are escaped."""
+    """The page: status, key figures, plan, errors and tables. All strings from data are escaped."""
     drawing, *others = drawings = [plan_drawing(part) for part in split_by_floor(data)]
     anchored, lines = data.T_bim_map is not None, error_lines(data)
-    embedded = {"scene-data": scene_data(drawing)}
-    if lines:
-        embedded["chart-data"] = chart_data(data, lines, drawing)
+    embedded = {"chart-data": chart_data(data, lines, drawing)} if lines else {}
     deviation_rows, deviation_looks = tables.deviation_rows(data)
     verdicts = verdict_counts(data.elements)
     storeys = {floor.id: floor.name or floor.id for floor in (data.a_graph.floors if data.a_graph else ())}
@@ -49,7 +46,6 @@ def report_html(data: ReportData) -> str:
         bands=band_labels(),
         limits=[*(f"{MINUS}{mm}" for mm in reversed(LIMITS_MM)), *(f"+{mm}" for mm in LIMITS_MM)],
         verdict_labels={verdict: verdict for verdict in VERDICTS},
-        scene_layers=scene_layers(drawing),
         errors=error_chart(data, lines) if lines else "",
         error_lines=lines,
         other_floors=[(other.heading, plan_svg(other)) for other in others],

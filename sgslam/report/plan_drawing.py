@@ -1,7 +1,6 @@
-"""The contents of the plan and the 3D view as plain geometry in one frame.
+"""The contents of the plan as plain geometry in one frame, which `plan_png` and `plan_svg` draw.
 
-Drawn by `plan_png`, `plan_svg` and `scene_3d`. The plan's frame is the BIM frame where there is a BIM, else
-the map frame; metres.
+The plan's frame is the BIM frame where there is a BIM, else the map frame; metres.
 """
 
 from collections.abc import Sequence
@@ -11,11 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from data.scene_graph import WALL_HEIGHT, Floor, Room, SceneGraph, WallSurface
+from data.scene_graph import Room, SceneGraph, WallSurface
 from sgslam.as_built.deviation_bands import band_of, deviation_text
-from sgslam.geometry.frames import transform_points
 from sgslam.report.contents import ReportData, current_storey, placement
-from sgslam.report.drawn_paths import Mark, drawn_paths, subsample, uncertainty_band
+from sgslam.report.drawn_paths import Mark, drawn_paths, uncertainty_band
 from sgslam.report.elements import element_marks, element_name
 
 Array = NDArray[np.float64]
@@ -65,16 +63,14 @@ class Name:
 class PlanDrawing:
     """One storey.
 
-    `layers` are from bottom to top, with `labels` for the legends; `names` are those of rooms. `keyframes` is (K, 3),
-    `floor_z` the floor's height. `T_plan_map` (4, 4) places the map in the plan.
+    `layers` are from bottom to top, with `labels` for the legends; `names` are those of rooms. `T_plan_map`
+    (4, 4) places the map in the plan.
     """
 
     heading: str
     layers: dict[str, list[Mark]]
     names: Sequence[Name] = ()
     labels: dict[str, str] = field(default_factory=dict)
-    keyframes: Array = field(default_factory=lambda: np.empty((0, 3)))
-    floor_z: float = 0.0
     T_plan_map: Array = field(default_factory=lambda: np.eye(4))
 
     def bounds(self) -> tuple[Array, Array]:
@@ -92,7 +88,7 @@ class PlanDrawing:
 
     def _points(self, *layers: str) -> Array:
         """(N, 2) all vertices of layers."""
-        marks = [mark.points[:, :2] for layer in layers for mark in self.layers.get(layer, ())]
+        marks = [mark.points for layer in layers for mark in self.layers.get(layer, ())]
         return np.vstack([np.empty((0, 2)), *marks])
 
     def centre(self) -> Array:
@@ -114,10 +110,10 @@ def plan_drawing(data: ReportData) -> PlanDrawing:
     plan = SceneGraph("bim") if data.a_graph is None or not data.placed else data.a_graph  # else it is on no storey
     if floor is not None:
         plan = plan.on_floor(floor.id)
-    floor_z, pairs = _floor_z(data, floor, T_plan_map), data.pairs("rooms")
+    pairs = data.pairs("rooms")
     taken = {a for a, _ in pairs.values()}
-    planned = _planned_walls(data, plan, floor_z)
-    mapped = {own: _mapped_walls(data, T_plan_map, floor_z, own) for own in (True, False)}
+    planned = _planned_walls(data, plan)
+    mapped = {own: _mapped_walls(data, T_plan_map, own) for own in (True, False)}
     room_names = {r.id: r.name or r.id for r in (*plan.rooms, *data.s_graph.rooms)}
     places = {r.id: np.array(r.centroid) for r in plan.rooms}
     names = [room_name(room, "bim-walls", -0.25) for room in plan.rooms]
@@ -146,17 +142,12 @@ def plan_drawing(data: ReportData) -> PlanDrawing:
     labels = LABELS
     if data.T_bim_map is None:
         labels = LABELS | (WITHOUT_PLAN if data.a_graph is None else NOT_ANCHORED)
-    keyframes = np.array([k.pose[:3] for k in data.s_graph.keyframes], dtype=float).reshape(-1, 3)
-    keyframes = transform_points(T_plan_map, keyframes[subsample(len(keyframes))])
-    return PlanDrawing(heading, layers, names, labels, keyframes, floor_z, T_plan_map)
+    return PlanDrawing(heading, layers, names, labels, T_plan_map)
 
 
-def wall_mark(wall: WallSurface, title: str, floor_z: float = 0.0, above: float = 0.0) -> Mark:
-    """A wall surface in the frame of its graph; its heights are `above` the graph's z, and unknown ones are guessed."""
-    low, high = (floor_z, floor_z + WALL_HEIGHT)
-    if wall.height is not None:
-        low, high = wall.height[0] + above, wall.height[1] + above
-    return Mark(np.column_stack([np.array(wall.ends()), [low, low]]), title.strip(), top=high)
+def wall_mark(wall: WallSurface, title: str) -> Mark:
+    """A wall surface in the frame of its graph."""
+    return Mark(np.array(wall.ends()), title.strip())
 
 
 def room_marks(rooms: Sequence[Room]) -> list[Mark]:
@@ -174,19 +165,19 @@ def room_name(room: Room, layer: str, rise: float, T_plan: Array | None = None) 
     return Name(text, _placed_xy(room.centroid, T)[0], size, layer, rise)
 
 
-def _planned_walls(data: ReportData, plan: SceneGraph, floor_z: float) -> dict[str, Mark]:
+def _planned_walls(data: ReportData, plan: SceneGraph) -> dict[str, Mark]:
     """The BIM's wall surfaces on the storey, by id."""
     absent = {d["a_id"] for d in data.deviations if d["kind"] == "absent"}
     names = {entry["global_id"]: element_name(entry) for entry in data.elements}
     return {
-        w.id: wall_mark(w, f"{w.id} {names.get(w.source, w.source)}{': not found' if w.id in absent else ''}", floor_z)
+        w.id: wall_mark(w, f"{w.id} {names.get(w.source, w.source)}{': not found' if w.id in absent else ''}")
         for w in plan.wall_surfaces
     }
 
 
-def _mapped_walls(data: ReportData, T_plan_map: Array, floor_z: float, matched: bool) -> list[Mark]:
+def _mapped_walls(data: ReportData, T_plan_map: Array, matched: bool) -> list[Mark]:
     """The map's wall surfaces that are matched, or are not, placed in the plan, with their deviations; significant ones
-    last, on top. Their heights are over their floor."""
+    last, on top."""
     pairs = data.pairs("wall_surfaces")
     ranked = sorted(data.deviations, key=lambda d: (bool(d["significant"]), abs(d["offset_m"] or 0.0)))
     found = {d["s_id"]: d for d in ranked if d["s_id"] is not None}  # the largest one of walls in one plane
@@ -199,18 +190,8 @@ def _mapped_walls(data: ReportData, T_plan_map: Array, floor_z: float, matched: 
             title += f"\n{deviation_text(deviation)}"
             band = band_of(deviation["offset_m"])
             looks = [*([f"band-{band}"] if band else []), *(["significant"] if deviation["significant"] else [])]
-        mark = wall_mark(w, title, floor_z, floor_z)
-        points = np.column_stack([_placed_xy(mark.points[:, :2], T_plan_map), mark.points[:, 2]])
-        marks.append(replace(mark, points=points, looks=tuple(looks), refers=("wall", w.id)))
+        marks.append(Mark(_placed_xy(w.ends(), T_plan_map), title, looks=tuple(looks), refers=("wall", w.id)))
     return sorted(marks, key=lambda mark: "significant" in mark.looks)
-
-
-def _floor_z(data: ReportData, floor: Floor | None, T_plan_map: Array) -> float:
-    """The storey's elevation, else the mapped floor's, else that of the map's origin."""
-    if floor is not None and floor.elevation is not None:
-        return floor.elevation
-    mapped = [f.elevation for f in data.s_graph.floors if f.elevation is not None]
-    return float(T_plan_map[2, 3] + (mapped[0] if mapped else 0.0))
 
 
 def _pair_title(

@@ -96,9 +96,9 @@ def draw_plan(axes: Any, drawing: PlanDrawing) -> None:
                 known["lw"] = [style["lw"] * (_WIDER if "significant" in mark.looks else 1.0) for mark in marks]
             kind = PolyCollection if marks[0].closed else LineCollection
             label = texts[look] if look else drawing.labels[layer]
-            axes.add_collection(kind([mark.points[:, :2] for mark in marks], label=label, **known))
+            axes.add_collection(kind([mark.points for mark in marks], label=label, **known))
     if way := drawing.layers["trajectory"]:
-        start = way[0].points[0, :2]
+        start = way[0].points[0]
         axes.plot(*start, "o", ms=6, color=PATHS["trajectory"]["color"], mec="white", label="start")
 
 

@@ -22,8 +22,8 @@ class Pen:
         self.centre = centre
 
     def local(self, points: Array) -> Array:
-        """(N, 2) SVG coordinates of points (N, 2 or 3)."""
-        return (points[:, :2] - self.centre) * [1, -1] + 0.0  # + 0.0 avoids minus zero
+        """(N, 2) SVG coordinates of points (N, 2)."""
+        return (points - self.centre) * [1, -1] + 0.0  # + 0.0 avoids minus zero
 
     def mark(self, mark: Mark) -> str:
         """A line or an area."""
