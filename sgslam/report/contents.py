@@ -13,7 +13,6 @@ from sgslam.geometry.frames import se2_to_se3
 from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
 
 Array = NDArray[np.float64]
-_ENTERED_M = 1.0  # path length in a room from which on it counts as entered, not just looked into
 DRAWN_HYPOTHESES = 4
 BESIDE_GAP_M = 3.0  # gap between the plan and a map of unknown place
 
@@ -120,40 +119,6 @@ def current_storey(data: ReportData) -> Floor | None:
         below = [i for elevation, i in known if elevation <= height]
         return floors[below[-1] if below else known[0][1]]
     return max(floors, key=lambda f: sum(r.floor == f.id for r in rooms))
-
-
-def entered_unmatched(data: ReportData) -> list[tuple[str | None, str]]:
-    """The BIM's rooms that the robot entered and that have no match: (S id, A id).
-
-    The S room is the one that contains most of the path there, None where there is none. Empty for a run that is not
-    anchored.
-    """
-    floor = current_storey(data)
-    if data.T_bim_map is None or data.a_graph is None or not data.placed:
-        return []
-    on_map = data.known.positions[:, :2]
-    in_bim = data.known.transformed(data.T_bim_map).positions[:, :2]
-    matched = {a for a, _ in data.pairs("rooms").values()}
-    mapped = {room.id: inside for room in data.s_graph.rooms if (inside := _inside(room, on_map)) is not None}
-    found: list[tuple[str | None, str]] = []
-    for room in data.a_graph.rooms:
-        inside = _inside(room, in_bim)
-        if room.id in matched or (floor is not None and room.floor != floor.id) or inside is None:
-            continue
-        if inside.mean() * path_length(on_map) >= _ENTERED_M:
-            shared = {s: int((inside & own).sum()) for s, own in mapped.items()}
-            most = max(shared, key=shared.__getitem__, default=None)
-            found.append((most if most is not None and shared[most] else None, room.id))
-    return found
-
-
-def _inside(room: Room, places: Array) -> NDArray[np.bool_] | None:
-    """(N,) whether points (N, 2) lie in a room; None where its outline is not known."""
-    import shapely
-
-    if room.polygon is None or len(room.polygon) < 3:
-        return None
-    return np.asarray(shapely.contains_xy(shapely.Polygon(room.polygon), places))
 
 
 def path_length(places: Array) -> float:

@@ -6,7 +6,7 @@ from typing import Any
 
 from data.geometry.poses import poses_to_xyzquat
 from sgslam.as_built.deviation_bands import MINUS, degrees, signed_mm
-from sgslam.report.contents import ReportData, entered_unmatched, path_length, split_by_floor
+from sgslam.report.contents import ReportData, path_length
 from sgslam.report.elements import element_name
 from sgslam.report.number_formats import NOTHING, metres, percent, seconds, signal_texts, thousands
 from sgslam.types import NO_PLAN
@@ -123,21 +123,15 @@ def deviation_rows(data: ReportData) -> tuple[list[Sequence[str]], list[dict[str
 
 
 def room_rows(data: ReportData) -> list[tuple[str, str, str]]:
-    """Room of the map, room of the BIM and confidence; entered rooms without a match at the end."""
-    pairs = (data.matches or {}).get("rooms") or ()
-    if not pairs:
-        return []
+    """Room of the map, room of the BIM and confidence."""
     ours = data.s_graph.room_by_id
     planned = data.a_graph.room_by_id if data.a_graph else {}
 
     def name(rooms: dict[str, Any], room_id: str) -> str:
         return (rooms[room_id].name or room_id) if room_id in rooms else room_id
 
-    rows = [(name(ours, s), name(planned, a), f"{c:.2f}") for s, a, c in pairs]
-    for part in split_by_floor(data):
-        for s, a in entered_unmatched(part):
-            rows.append((f"none; part of {name(ours, s)}" if s else "none", name(planned, a), "entered, not matched"))
-    return rows
+    pairs = (data.matches or {}).get("rooms") or ()
+    return [(name(ours, s), name(planned, a), f"{c:.2f}") for s, a, c in pairs]
 
 
 def hypothesis_rows(

@@ -44,11 +44,6 @@ def withdrawn(data: ReportData) -> ReportData:
     return replace(run, metrics=run.metrics | {"quality": quality})
 
 
-def with_one_match(data: ReportData) -> ReportData:
-    matches = data.matches or {}
-    return replace(data, matches=matches | {"rooms": matches["rooms"][:1]})
-
-
 RUNS: dict[str, tuple[Callable[[ReportData], ReportData], tuple[str, ...]]] = {
     "withdrawn": (
         withdrawn,
@@ -57,7 +52,6 @@ RUNS: dict[str, tuple[Callable[[ReportData], ReportData], tuple[str, ...]]] = {
     "without a plan": (without_plan, ()),
     "lost": (lambda data: replace(with_lost_scans(data), truth=None), ("Lost scans\n30\n",)),
     "two floors": (lambda data: on_two_floors(data, placed=False), ("floor-1 of the map",)),
-    "one match": (with_one_match, ("entered, not matched",)),
     "nothing seen": (nothing_seen, ()),
 }
 
