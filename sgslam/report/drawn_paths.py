@@ -20,15 +20,15 @@ _KNOWN, _LOST = 0, 1  # states of a scan; larger ones are parts that were not pl
 class Mark:
     """A line through `points`, or (`closed`) the area within them, in the plan's frame: (N, 2).
 
-    `title` is the tooltip, `looks` are the style classes within its layer, `refers` the name and value of what tables
-    refer to it by.
+    `title` is the tooltip, `looks` are the style classes within its layer, `element` is the GlobalId of what it stands
+    for.
     """
 
     points: Array
     title: str = ""
     closed: bool = False
     looks: tuple[str, ...] = ()
-    refers: tuple[str, str] | None = None
+    element: str = ""
 
 
 def drawn_paths(data: ReportData, T_plan_map: Array) -> dict[str, list[Mark]]:

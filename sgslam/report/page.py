@@ -27,7 +27,6 @@ def report_html(data: ReportData) -> str:
     drawing, *others = drawings = [plan_drawing(part) for part in split_by_floor(data)]
     anchored, lines = data.T_bim_map is not None, error_lines(data)
     embedded = {"chart-data": chart_data(data, lines, drawing)} if lines else {}
-    deviation_rows, deviation_looks = tables.deviation_rows(data)
     verdicts = verdict_counts(data.elements)
     storeys = {floor.id: floor.name or floor.id for floor in (data.a_graph.floors if data.a_graph else ())}
     return TEMPLATES.get_template("report/report.html").render(
@@ -49,10 +48,6 @@ def report_html(data: ReportData) -> str:
         errors=error_chart(data, lines) if lines else "",
         error_lines=lines,
         other_floors=[(other.heading, plan_svg(other)) for other in others],
-        deviations=data.deviations,
-        significant=sum(bool(d["significant"]) for d in data.deviations),
-        deviation_rows=deviation_rows,
-        deviation_looks=deviation_looks,
         summary=tables.summary_rows(data),
         hypotheses=[] if anchored else tables.hypothesis_rows(data.hypotheses, storeys),
         rooms=tables.room_rows(data),

@@ -190,7 +190,7 @@ def _mapped_walls(data: ReportData, T_plan_map: Array, matched: bool) -> list[Ma
             title += f"\n{deviation_text(deviation)}"
             band = band_of(deviation["offset_m"])
             looks = [*([f"band-{band}"] if band else []), *(["significant"] if deviation["significant"] else [])]
-        marks.append(Mark(_placed_xy(w.ends(), T_plan_map), title, looks=tuple(looks), refers=("wall", w.id)))
+        marks.append(Mark(_placed_xy(w.ends(), T_plan_map), title, looks=tuple(looks)))
     return sorted(marks, key=lambda mark: "significant" in mark.looks)
 
 

@@ -29,10 +29,10 @@ class Pen:
         """A line or an area."""
         shape = "polygon" if mark.closed else "polyline"
         looks = f' class="{" ".join(mark.looks)}"' if mark.looks else ""
-        refers = f' data-{mark.refers[0]}="{escape(mark.refers[1])}"' if mark.refers else ""
+        element = f' data-element="{escape(mark.element)}"' if mark.element else ""
         title = f"<title>{escape(mark.title)}</title>" if mark.title else ""
         points = " ".join(f"{x:.3f},{y:.3f}" for x, y in self.local(mark.points))
-        return f'<{shape}{looks}{refers} points="{points}">{title}</{shape}>'
+        return f'<{shape}{looks}{element} points="{points}">{title}</{shape}>'
 
     def name(self, name: Name) -> str:
         """Text."""

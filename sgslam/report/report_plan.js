@@ -1,4 +1,4 @@
-// The plan: zooming, moving, switches of its layers, and the walls that tables refer to.
+// The plan: zooming, moving, switches of its layers.
 
 {
 let lastScroll = -Infinity; // while the page is being scrolled, a wheel event is not meant for the plan
@@ -47,13 +47,5 @@ for (const box of document.querySelectorAll("[data-layer]")) {
     const groups = document.querySelectorAll(".plan .layer-" + box.dataset.layer);
     for (const group of groups) group.style.display = box.checked ? "" : "none";
   });
-}
-
-const walls = new Map([...plan.querySelectorAll("[data-wall]")].map((wall) => [wall.dataset.wall, wall]));
-for (const row of document.querySelectorAll("[data-shows]")) {
-  const wall = walls.get(row.dataset.shows);
-  if (!wall) continue;
-  row.addEventListener("pointerenter", () => wall.classList.add("shown"));
-  row.addEventListener("pointerleave", () => wall.classList.remove("shown"));
 }
 }

@@ -1,17 +1,15 @@
-"""The rows of the report's tables: summary, deviations, matched rooms, hypotheses, seconds."""
+"""The rows of the report's tables: summary, quality, matched rooms, hypotheses, seconds."""
 
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from data.geometry.poses import poses_to_xyzquat
-from sgslam.as_built.deviation_bands import MINUS, degrees, signed_mm
+from sgslam.as_built.deviation_bands import MINUS
 from sgslam.report.contents import ReportData, path_length
-from sgslam.report.elements import element_name
 from sgslam.report.number_formats import NOTHING, metres, percent, seconds, signal_texts, thousands
 from sgslam.types import NO_PLAN
 
-LARGEST = 30  # deviations in the table
 _RIVALS = {
     "runner_up": "the next best",
     "mirrored": "that it is mirrored",
@@ -94,32 +92,6 @@ def _accuracy_rows(accuracy: dict[str, Any]) -> dict[str, str]:
         "Note on accuracy": str(accuracy.get("note") or NOTHING),
     }
     return {name: text for name, text in rows.items() if text != NOTHING}
-
-
-def deviation_rows(data: ReportData) -> tuple[list[Sequence[str]], list[dict[str, str]]]:
-    """The cells of the largest deviations, significant ones first, and the HTML attributes of their rows."""
-    ranked = sorted(data.deviations, key=lambda d: (not d["significant"], -abs(d["offset_m"] or 0.0)))
-    planned = {w.id: w.room for w in data.a_graph.wall_surfaces} if data.a_graph else {}
-    rooms = data.a_graph.room_by_id if data.a_graph else {}
-    names = {entry["global_id"]: element_name(entry) for entry in data.elements}
-    rows: list[Sequence[str]] = []
-    looks = []
-    for d in ranked[:LARGEST]:
-        room = rooms.get(planned.get(d["a_id"]) or "")
-        rows.append(
-            [
-                names.get(d["source"]) or str(d["source"] or d["a_id"] or NOTHING),
-                (room.name or room.id) if room else NOTHING,
-                (signed_mm(d["offset_m"]) if d["kind"] == "moved" else str(d["kind"])) or NOTHING,
-                NOTHING if d["sigma_m"] is None else f"{d['sigma_m'] * 1000:.1f} mm",
-                degrees(d["tilt_rad"]) or NOTHING,
-                "yes" if d["significant"] else "no",
-                str(d.get("reason") or ""),
-            ]
-        )
-        marked = {"class": "marked"} if d["significant"] else {}
-        looks.append({**marked, "data-shows": str(d["s_id"] or "")})
-    return rows, looks
 
 
 def room_rows(data: ReportData) -> list[tuple[str, str, str]]:
