@@ -9,7 +9,7 @@ from sgslam.as_built.deviation_bands import LIMITS_MM, MINUS, UNPLANNED, band_la
 from sgslam.report import tables
 from sgslam.report.contents import DRAWN_HYPOTHESES, ReportData, split_by_floor
 from sgslam.report.elements import COLUMNS, VERDICTS, element_rows, verdict_counts
-from sgslam.report.error_chart import chart_data, error_chart, error_lines
+from sgslam.report.error_chart import error_chart, error_lines
 from sgslam.report.html_page import TEMPLATES
 from sgslam.report.plan_drawing import plan_drawing
 from sgslam.report.plan_svg import plan_svg
@@ -26,12 +26,10 @@ def report_html(data: ReportData) -> str:
     """The page: status, key figures, plan, errors and tables. All strings from data are escaped."""
     drawing, *others = drawings = [plan_drawing(part) for part in split_by_floor(data)]
     anchored, lines = data.T_bim_map is not None, error_lines(data)
-    embedded = {"chart-data": chart_data(data, lines, drawing)} if lines else {}
     verdicts = verdict_counts(data.elements)
     storeys = {floor.id: floor.name or floor.id for floor in (data.a_graph.floors if data.a_graph else ())}
     return TEMPLATES.get_template("report/report.html").render(
         anchored=anchored,
-        embedded=embedded,
         badge=tables.badge(data.metrics | {"anchored": anchored}),
         quality=tables.quality_rows(data.metrics),
         metrics=data.metrics,
@@ -39,7 +37,7 @@ def report_html(data: ReportData) -> str:
         matched_rooms=data.matched_rooms(),
         figures=[] if anchored else list(_hypothesis_figures(data)),
         drawing=drawing,
-        plan=plan_svg(drawing, 'id="plan" class="plan"', '<g id="marker"><polyline/></g>'),
+        plan=plan_svg(drawing, 'id="plan" class="plan"'),
         layers={name: text for name, text in drawing.labels.items() if any(own.layers[name] for own in drawings)},
         with_deviations=any(own.with_deviations for own in drawings),
         bands=band_labels(),

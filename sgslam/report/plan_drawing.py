@@ -63,15 +63,13 @@ class Name:
 class PlanDrawing:
     """One storey.
 
-    `layers` are from bottom to top, with `labels` for the legends; `names` are those of rooms. `T_plan_map`
-    (4, 4) places the map in the plan.
+    `layers` are from bottom to top, with `labels` for the legends; `names` are those of rooms.
     """
 
     heading: str
     layers: dict[str, list[Mark]]
     names: Sequence[Name] = ()
     labels: dict[str, str] = field(default_factory=dict)
-    T_plan_map: Array = field(default_factory=lambda: np.eye(4))
 
     def bounds(self) -> tuple[Array, Array]:
         """The lower left and upper right corners (2,) of the view; paths that stray far away are cut off: the
@@ -142,7 +140,7 @@ def plan_drawing(data: ReportData) -> PlanDrawing:
     labels = LABELS
     if data.T_bim_map is None:
         labels = LABELS | (WITHOUT_PLAN if data.a_graph is None else NOT_ANCHORED)
-    return PlanDrawing(heading, layers, names, labels, T_plan_map)
+    return PlanDrawing(heading, layers, names, labels)
 
 
 def wall_mark(wall: WallSurface, title: str) -> Mark:

@@ -41,8 +41,8 @@ class Pen:
         return f"<text{look} {place}>{escape(name.text)}</text>"
 
 
-def plan_svg(drawing: PlanDrawing, attributes: str = 'class="plan"', more: str = "") -> str:
-    """The SVG element with these `attributes`, a scale bar, and `more`. Layers that are not empty are groups
+def plan_svg(drawing: PlanDrawing, attributes: str = 'class="plan"') -> str:
+    """The SVG element with these `attributes` and a scale bar. Layers that are not empty are groups
     `layer-NAME`; a name may occur twice."""
     pen, (low, high) = Pen(drawing.centre()), drawing.bounds()
     groups = [(layer, "".join(map(pen.mark, marks))) for layer, marks in drawing.layers.items()]
@@ -64,5 +64,5 @@ def plan_svg(drawing: PlanDrawing, attributes: str = 'class="plan"', more: str =
         f' viewBox="{left:.3f} {top:.3f} {width:.3f} {height:.3f}">\n{body}\n'
         f'<g class="scale"><polyline points="{x:.3f},{y:.3f} {x + length:.3f},{y:.3f}"/>'
         f'<text x="{x + length + size / 2:.3f}" y="{y:.3f}" dy="0.35em" font-size="{size:.2f}">{length} m</text></g>'
-        f"\n{more}</svg>"
+        "\n</svg>"
     )
