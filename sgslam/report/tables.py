@@ -6,6 +6,7 @@ from typing import Any
 
 from data.geometry.poses import poses_to_xyzquat
 from sgslam.as_built.deviation_bands import MINUS
+from sgslam.config import AnchorSettings
 from sgslam.report.contents import ReportData, path_length
 from sgslam.report.number_formats import NOTHING, metres, percent, seconds, signal_texts, thousands
 from sgslam.types import NO_PLAN
@@ -29,9 +30,30 @@ def badge(metrics: dict[str, Any]) -> str:
 def quality_rows(metrics: dict[str, Any]) -> list[tuple[str, str, str, str]]:
     """Phrase, value and limit of each signal of the map's quality, and whether it is within the limit."""
     return [
-        (*signal_texts(name, own), "within" if own["ok"] else "outside its limit")
+        (*signal_texts(name, own), _within(name, metrics) if own["ok"] else "outside its limit")
         for name, own in (metrics.get("quality") or {}).items()
     ]
+
+
+def _within(name: str, metrics: dict[str, Any]) -> str:
+    return ", but ".join(filter(None, ("within", doubt(metrics) if name == "place_probability" else "")))
+
+
+def doubt(metrics: dict[str, Any]) -> str:
+    """What speaks most against the place of an anchored run; empty where it is as probable as a commitment asks for."""
+    place = metrics.get("place")
+    if not metrics.get("anchored") or place is None or place["probability"] >= AnchorSettings().commit:
+        return ""
+    rivals = _rivals(place)
+    most = max(rivals, key=rivals.__getitem__)
+    nats = {name: own["nats"] for name, own in place["signals"].items() if own["nats"] is not None}
+    why = f", by {min(nats, key=nats.__getitem__).replace('_', ' ')}" if most == "unsound" and nats else ""
+    return f"the place is not certain: {_RIVALS[most]} {percent(rivals[most])}{why}"
+
+
+def _rivals(place: Mapping[str, float]) -> dict[str, float]:
+    """The probability of all else than the place that was found, by the names of _RIVALS."""
+    return {name: {**place, "unsound": 1 - place["sound"]}[name] for name in _RIVALS}
 
 
 def run_rows(metrics: dict[str, Any]) -> dict[str, str]:
@@ -41,8 +63,7 @@ def run_rows(metrics: dict[str, Any]) -> dict[str, str]:
     if tracked := metrics.get("tracked"):
         rows["Tracking"] = ", ".join(f"{thousands(count)} {health}" for health, count in tracked.items())
     if place := metrics.get("place"):
-        parts = place | {"unsound": 1 - place["sound"]}
-        others = [f"{_RIVALS[name]} {percent(value)}" for name in _RIVALS if (value := parts[name]) >= 0.0005]
+        others = [f"{_RIVALS[name]} {percent(value)}" for name, value in _rivals(place).items() if value >= 0.0005]
         rows["Probability of the place"] = "; ".join([percent(place["probability"]), *others])
     if signal := (metrics.get("quality") or {}).get("position_sigma_m"):
         whose = "anchored positions" if metrics.get("anchored") else "positions"

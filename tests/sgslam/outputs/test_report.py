@@ -44,11 +44,19 @@ def withdrawn(data: ReportData) -> ReportData:
     return replace(run, metrics=run.metrics | {"quality": quality})
 
 
+def less_than_sure(data: ReportData) -> ReportData:
+    """It is anchored, but what it saw speaks against its map."""
+    signals = {"plan_tilt_deg": {"value": 0.1, "nats": 1.3}, "walls_looked_through": {"value": 0.2, "nats": -2.0}}
+    place = data.metrics["place"] | {"probability": 0.958, "sound": 0.959, "signals": signals}
+    return replace(data, metrics=data.metrics | {"place": place})
+
+
 RUNS: dict[str, tuple[Callable[[ReportData], ReportData], tuple[str, ...]]] = {
     "withdrawn": (
         withdrawn,
         ("no longer agrees", "Lost scans\n30\n", "\n77 %\nat least 90 %\n", "outside its limit"),
     ),
+    "less than sure": (less_than_sure, ("not certain: that the map is not sound 4.1 %, by walls looked through",)),
     "without a plan": (without_plan, ()),
     "lost": (lambda data: replace(with_lost_scans(data), truth=None), ("Lost scans\n30\n",)),
     "two floors": (lambda data: on_two_floors(data, placed=False), ("floor-1 of the map",)),
