@@ -114,8 +114,8 @@ class FinishedView:
             self.scene.show_plan(run.now.plan, run.truth if anchored else None)
             self.scene.show(run.now)
             facts = [f"{sum(bool(d['significant']) for d in walls)} walls deviate from the plan"] if anchored else []
-            heading = "Anchored" if anchored else "Not anchored"
-            self.panel.show(run.now, heading, len(run.trajectory_map), facts, run.errors())
+            facts += [line.summary() for line in run.errors()]
+            self.panel.show(run.now, "Anchored" if anchored else "Not anchored", len(run.trajectory_map), facts)
             end = float(np.ptp(run.trajectory_map.stamps_ns)) / 1e9
             self.slider.max, self.slider.step = max(end, 0.1), max(end / 2000, 0.01)
             self.slider.value = end

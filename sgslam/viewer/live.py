@@ -56,9 +56,9 @@ class LiveView:
     def _draw(self, now: Snapshot, T_bim_map: Floats | None, T_map_sensor: Floats, points: Floats) -> None:
         self.panel.scene.show(now, _NEW_CLOUDS)
         self.panel.scene.show_sensor(T_map_sensor, points, T_map_sensor)
-        errors = self._error(now, T_bim_map)
-        heading = self._heading(now, T_bim_map is not None)
-        self.panel.show(now, heading, self._scans, [], [] if errors is None else [errors])
+        error = self._error(now, T_bim_map)
+        facts = [] if error is None else [error.summary()]
+        self.panel.show(now, self._heading(now, T_bim_map is not None), self._scans, facts)
 
     def _error(self, now: Snapshot, T_bim_map: Floats | None) -> ErrorLine | None:
         """Of the trajectory through this run's keyframes, aligned until the map is anchored."""
