@@ -100,25 +100,16 @@ def _on_floor(data: ReportData, floor: Floor, stamps: NDArray[np.int64], on: NDA
 
 
 def current_storey(data: ReportData) -> Floor | None:
-    """The BIM's storey that the robot is on; None where the BIM has no storeys, or the floor was not placed.
-
-    Taken from the match, else from the height of the anchored or the true trajectory; else it is the storey with the
-    most rooms.
-    """
+    """The BIM's storey of the match, else of the best hypothesis, else the one with the most rooms; None where the BIM
+    has no storeys, or the floor was not placed."""
     if data.a_graph is None or not data.a_graph.floors or not data.placed:
         return None
-    floors, rooms = data.a_graph.floors, data.a_graph.rooms
-    by_id = {floor.id: floor for floor in floors}
+    by_id = {floor.id: floor for floor in data.a_graph.floors}
     for floor_id in ((data.matches or {}).get("floor"), *(h.get("floor") for h in data.hypotheses)):
         if floor_id in by_id:
             return by_id[floor_id]
-    known = sorted((f.elevation, i) for i, f in enumerate(floors) if f.elevation is not None)
-    in_bim = data.truth if data.T_bim_map is None else data.known.transformed(data.T_bim_map)
-    if in_bim is not None and known and len(in_bim):
-        height = float(np.median(in_bim.positions[:, 2]))
-        below = [i for elevation, i in known if elevation <= height]
-        return floors[below[-1] if below else known[0][1]]
-    return max(floors, key=lambda f: sum(r.floor == f.id for r in rooms))
+    rooms = data.a_graph.rooms
+    return max(by_id.values(), key=lambda f: sum(r.floor == f.id for r in rooms))
 
 
 def path_length(places: Array) -> float:

@@ -111,29 +111,26 @@ def plan_drawing(data: ReportData) -> PlanDrawing:
     pairs = data.pairs("rooms")
     taken = {a for a, _ in pairs.values()}
     planned = _planned_walls(data, plan)
-    mapped = {own: _mapped_walls(data, T_plan_map, own) for own in (True, False)}
+    matched, unmatched = _mapped_walls(data, T_plan_map)
     room_names = {r.id: r.name or r.id for r in (*plan.rooms, *data.s_graph.rooms)}
     places = {r.id: np.array(r.centroid) for r in plan.rooms}
     names = [room_name(room, "bim-walls", -0.25) for room in plan.rooms]
     for room in data.s_graph.rooms:
-        is_matched = room.id in pairs
-        own = room_name(room, "map-rooms", 0.95 if is_matched else 0.35, T_plan_map)
-        place = places.get(pairs[room.id][0]) if is_matched else None
-        names.append(own if place is None else replace(own, place=place))
-    outlined = [room for room in data.s_graph.rooms if room.polygon]
+        own = room_name(room, "map-rooms", 0.95 if room.id in pairs else 0.35, T_plan_map)
+        names.append(replace(own, place=places.get(pairs[room.id][0], own.place)) if room.id in pairs else own)
     layers = {
-        "rooms": room_marks([r for r in plan.rooms if r.id not in taken]),
         "rooms-matched": room_marks([r for r in plan.rooms if r.id in taken]),
         "map-rooms": [
             Mark(_placed_xy(r.polygon, T_plan_map), _pair_title(data, r.id, pairs, room_names), closed=True)
-            for r in outlined
+            for r in data.s_graph.rooms
+            if r.polygon
         ],
         "uncertainty": uncertainty_band(data, T_plan_map),
         "bim-walls": list(planned.values()),
         "elements": element_marks(data.elements, floor) if data.placed else [],
         "anchors-withdrawn": _withdrawn(data, planned),
-        "walls-unmatched": mapped[False],
-        "walls-matched": mapped[True],
+        "walls-unmatched": unmatched,
+        "walls-matched": matched,
         "matches": _match_lines(data, T_plan_map, plan),
         **drawn_paths(data, T_plan_map),
     }
@@ -173,23 +170,24 @@ def _planned_walls(data: ReportData, plan: SceneGraph) -> dict[str, Mark]:
     }
 
 
-def _mapped_walls(data: ReportData, T_plan_map: Array, matched: bool) -> list[Mark]:
-    """The map's wall surfaces that are matched, or are not, placed in the plan, with their deviations; significant ones
-    last, on top."""
+def _mapped_walls(data: ReportData, T_plan_map: Array) -> tuple[list[Mark], list[Mark]]:
+    """The map's wall surfaces that are matched, and those that are not, placed in the plan, with their deviations;
+    significant ones last, on top."""
     pairs = data.pairs("wall_surfaces")
     ranked = sorted(data.deviations, key=lambda d: (bool(d["significant"]), abs(d["offset_m"] or 0.0)))
     found = {d["s_id"]: d for d in ranked if d["s_id"] is not None}  # the largest one of walls in one plane
-    marks = []
+    matched, unmatched = list[Mark](), list[Mark]()
     for w in data.s_graph.wall_surfaces:
-        if (w.id in pairs) is not matched:
-            continue
         title, looks, deviation = _pair_title(data, w.id, pairs), [], found.get(w.id)
         if deviation is not None:
             title += f"\n{deviation_text(deviation)}"
             band = band_of(deviation["offset_m"])
             looks = [*([f"band-{band}"] if band else []), *(["significant"] if deviation["significant"] else [])]
-        marks.append(Mark(_placed_xy(w.ends(), T_plan_map), title, looks=tuple(looks)))
-    return sorted(marks, key=lambda mark: "significant" in mark.looks)
+        mark = Mark(_placed_xy(w.ends(), T_plan_map), title, looks=tuple(looks))
+        (matched if w.id in pairs else unmatched).append(mark)
+    for marks in (matched, unmatched):
+        marks.sort(key=lambda mark: "significant" in mark.looks)
+    return matched, unmatched
 
 
 def _pair_title(

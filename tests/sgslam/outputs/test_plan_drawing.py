@@ -54,7 +54,7 @@ def test_a_map_without_a_place_lies_beside_the_plan_or_where_it_is_guessed(data:
     assert not guess.with_deviations
 
 
-def test_the_robots_storey_is_the_matched_one_or_that_of_its_height(data: ReportData) -> None:
+def test_the_robots_storey_is_the_matched_one_or_that_with_the_most_rooms(data: ReportData) -> None:
     run = on_two_floors(data, placed=True)
     guessed = {"floor": None, "hypotheses": [{"floor": "upper"}]}
     for change, expected in (({}, "Ground"), ({"matches": None}, "Ground"), ({"matches": guessed}, "Upper")):
