@@ -26,7 +26,6 @@ LABELS = {
     "walls-matched": "mapped wall, matched",
     "walls-unmatched": "mapped wall, not matched",
     "anchors-withdrawn": "planned wall whose anchor was withdrawn",
-    "matches": "match, from mapped to planned wall",
     "rooms-matched": "matched room of the BIM",
     "map-rooms": "room of the map",
     "odometry": "before anchoring (odometry)",
@@ -43,7 +42,7 @@ NOT_ANCHORED = {
 }
 WITHOUT_PLAN = {"walls-unmatched": "mapped wall", "odometry": "odometry", "trajectory": "trajectory"}
 _UNSURE = ("odometry", "lost")  # layers that may stray, and are cut off then
-_NOT_SHOWN_FOR = (*_UNSURE, "elements", "uncertainty", "matches")  # layers that do not widen the view
+_NOT_SHOWN_FOR = (*_UNSURE, "elements", "uncertainty")  # layers that do not widen the view
 
 
 @dataclass(frozen=True)
@@ -131,7 +130,6 @@ def plan_drawing(data: ReportData) -> PlanDrawing:
         "anchors-withdrawn": _withdrawn(data, planned),
         "walls-unmatched": unmatched,
         "walls-matched": matched,
-        "matches": _match_lines(data, T_plan_map, plan),
         **drawn_paths(data, T_plan_map),
     }
     labels = LABELS
@@ -214,14 +212,4 @@ def _withdrawn(data: ReportData, planned: dict[str, Mark]) -> list[Mark]:
         replace(wall, title=f"{wall.title}\nanchor withdrawn: {why[a_id]}")
         for a_id, wall in planned.items()
         if a_id in why
-    ]
-
-
-def _match_lines(data: ReportData, T_plan_map: Array, plan: SceneGraph) -> list[Mark]:
-    """From the mid point of each matched wall surface to that of the plan's."""
-    ours, planned = data.s_graph.surface_by_id, plan.surface_by_id
-    return [
-        Mark(np.stack([_placed_xy(ours[s_id].centroid, T_plan_map)[0], np.array(planned[a_id].centroid)]))
-        for s_id, (a_id, _) in data.pairs("wall_surfaces").items()
-        if s_id in ours and a_id in planned
     ]

@@ -29,7 +29,6 @@ STYLES: dict[str, dict[str, Any]] = {  # of the layers that are drawn
     "anchors-withdrawn": {"color": "#ec8288", "lw": 7.0},
     "walls-unmatched": {"color": UNMATCHED, "lw": 1.6},
     "walls-matched": {"color": MATCHED, "lw": 1.6},
-    "matches": {"color": MATCHED, "lw": 0.6},
     **PATHS,
 }
 _WIDER = 2.0  # is a significant wall

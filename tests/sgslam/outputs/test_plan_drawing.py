@@ -32,7 +32,7 @@ def test_bands_grow_outward_on_both_sides() -> None:
 
 def test_the_map_lies_on_the_plan_when_anchored(data: ReportData) -> None:
     drawing = plan_drawing(data)
-    assert drawing.heading == "Ground" and len(drawing.layers["matches"]) > 10
+    assert drawing.heading == "Ground" and len(drawing.layers["walls-matched"]) > 10
     way, truth = (drawing.layers[name][0].points for name in ("trajectory", "truth"))
     assert np.abs(way - truth).max() < 0.05
     found = {wall.title.split()[0]: wall for wall in drawing.layers["walls-matched"]}
@@ -43,7 +43,7 @@ def test_the_map_lies_on_the_plan_when_anchored(data: ReportData) -> None:
 
 def test_a_map_without_a_place_lies_beside_the_plan_or_where_it_is_guessed(data: ReportData) -> None:
     drawing = plan_drawing(not_anchored(data, "none"))
-    assert not drawing.layers["matches"] and not drawing.layers["walls-matched"]
+    assert not drawing.layers["walls-matched"]
     right_of_plan = max(w.points[:, 0].max() for w in drawing.layers["bim-walls"])
     assert min(w.points[:, 0].min() for w in drawing.layers["walls-unmatched"]) > right_of_plan
     guess = plan_drawing(not_anchored(data, "ambiguous"))
