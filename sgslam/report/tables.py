@@ -129,9 +129,9 @@ def room_rows(data: ReportData) -> list[tuple[str, str, str]]:
 
 def hypothesis_rows(
     hypotheses: Sequence[Mapping[str, Any]], storeys: Mapping[str, str]
-) -> list[tuple[str, str, str, str]]:
-    """Storey, score, pose of the map's origin, number of the plan's rooms that are matched; `storeys` are the names of
-    the plan's by id."""
+) -> list[tuple[str, str, str, str, str]]:
+    """Storey, probability, score, pose of the map's origin, number of the plan's rooms that are matched; `storeys` are
+    the names of the plan's by id."""
     rows = []
     for hypothesis in hypotheses:
         storey = str(hypothesis.get("floor") or "the plan")
@@ -139,8 +139,9 @@ def hypothesis_rows(
         turn = (math.degrees(yaw) + 180) % 360 - 180
         numbers = f"{hypothesis['score']:.1f}", f"{x:.2f}, {y:.2f} m, {turn:.1f}°"
         score, place = (text.replace("-", MINUS) for text in numbers)
-        rooms = {a_id for _, a_id in hypothesis.get("rooms") or ()}
-        rows.append((storeys.get(storey, storey), score, place, str(len(rooms))))
+        rooms, likely = {a_id for _, a_id in hypothesis.get("rooms") or ()}, hypothesis.get("probability")
+        share = NOTHING if likely is None else percent(likely)
+        rows.append((storeys.get(storey, storey), share, score, place, str(len(rooms))))
     return rows
 
 

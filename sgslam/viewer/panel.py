@@ -79,18 +79,12 @@ class Panel:
 
 
 def hypothesis_table(now: Snapshot, storeys: dict[str, str]) -> str:
-    """Markdown table of the match hypotheses: probability among those listed, storey, score and rooms.
-
-    The probability is exp(score) over the sum of all: the scores are log likelihood ratios.
-    """
-    hypotheses = [hypothesis for _, hypothesis in now.hypotheses]
-    scores = np.array([float(h["score"]) for h in hypotheses])
-    shares = np.exp(scores - scores.max())
+    """Markdown table of the match hypotheses: probability, storey, score and rooms."""
     rows = ["| | probability | storey | score | rooms |", "|---|---|---|---|---|"]
-    told = zip(hypothesis_rows(hypotheses, storeys), shares / shares.sum(), strict=True)
-    for number, ((storey, score, _, rooms), share) in enumerate(told):
+    found = hypothesis_rows([hypothesis for _, hypothesis in now.hypotheses], storeys)
+    for number, (storey, probability, score, _, rooms) in enumerate(found):
         dot = f'<span style="color:{ROOMS[number]}">■</span>' if number < DRAWN_HYPOTHESES else ""
-        rows.append(f"| {dot} {number + 1} | {100 * share:.0f} % | {_plain(storey)} | {score} | {rooms} |")
+        rows.append(f"| {dot} {number + 1} | {probability} | {_plain(storey)} | {score} | {rooms} |")
     return "\n".join(rows)
 
 
