@@ -2,7 +2,7 @@
 
 import json
 import re
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 
@@ -13,11 +13,12 @@ from commands import called
 from methods import as_map, matcher
 from odd_plans import odd_plans
 from plans import a_graph, box, merged, moved, offices
+from report_samples import verdict
 from small_ifc import write_small_ifc
 
 from data import Door, Floor, Room, SceneGraph
 from data.generation.demo_building import write_demo_building
-from data.ifc.deviations import ElementFinding, write_as_built
+from data.ifc.deviations import write_as_built
 from data.plans import load_bim
 from data.plans.elements import other_bodies, planned_elements
 from data.synthetic_maps.exploration import Walk, storeys_of
@@ -109,7 +110,7 @@ def test_a_broken_model_is_read_or_refused(kind: str, tmp_path: Path) -> None:
         assert done.stderr.startswith("error: ") and len(done.stderr.splitlines()) == 1, done.stderr
         return
     assert done.returncode == 0, done.stderr
-    finding = ElementFinding(load_bim(ifc).graph.wall_surfaces[0].source, "moved", (0.1, 0.0, 0.0), 0.01, 0.0, "")
+    finding = asdict(verdict(load_bim(ifc).graph.wall_surfaces[0].source, "moved", 0.1))
     assert planned_elements(ifc) and np.isfinite(other_bodies(ifc)).all()
     assert write_as_built(ifc, [finding], [], tmp_path / "as_built.ifc") == 1
 
