@@ -46,8 +46,8 @@ def doubt(metrics: dict[str, Any]) -> str:
         return ""
     rivals = _rivals(place)
     most = max(rivals, key=rivals.__getitem__)
-    nats = {name: own["nats"] for name, own in place["signals"].items() if own["nats"] is not None}
-    why = f", by {min(nats, key=nats.__getitem__).replace('_', ' ')}" if most == "unsound" and nats else ""
+    against = {name: own["nats"] for name, own in place["signals"].items() if (own["nats"] or 0.0) < 0}
+    why = f", by {min(against, key=against.__getitem__).replace('_', ' ')}" if most == "unsound" and against else ""
     return f"the place is not certain: {_RIVALS[most]} {percent(rivals[most])}{why}"
 
 
