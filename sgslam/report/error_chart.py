@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
-from data.trajectory import Trajectory
 from sgslam.geometry.frames import transform_points
 from sgslam.geometry.trajectory_errors import align_se3, associate
 from sgslam.report.contents import ReportData
@@ -48,31 +47,23 @@ def error_lines(data: ReportData) -> list[ErrorLine]:
     """
     if data.truth is None or not len(data.trajectory_map):
         return []
-    start, ours, label = int(data.trajectory_map.stamps_ns[0]), data.trajectory_map, "trajectory, aligned"
+    ours = "trajectory", "trajectory, aligned", data.trajectory_map, True
     if data.T_bim_map is not None:
-        ours, label = data.known.transformed(data.T_bim_map), "trajectory in the BIM frame, not aligned"
-    odometry = error_line("odometry", "odometry, aligned", data.trajectory_odometry, data.truth, start, True)
-    trajectory = error_line("trajectory", label, ours, data.truth, start, data.T_bim_map is None)
-    return [line for line in (odometry, trajectory) if line is not None]
-
-
-def error_line(
-    name: str, label: str, trajectory: Trajectory, truth: Trajectory, start_ns: int, aligned: bool
-) -> ErrorLine | None:
-    """The errors of a trajectory, which is `aligned` to the truth first or is in its frame; None where no stamps are
-    close, or it cannot be aligned."""
-    ours, true = associate(trajectory.stamps_ns, truth.stamps_ns)
-    if not len(ours):
-        return None
-    points, targets = trajectory.positions[ours], truth.positions[true]
-    if aligned:
+        in_bim = data.known.transformed(data.T_bim_map)
+        ours = "trajectory", "trajectory in the BIM frame, not aligned", in_bim, False
+    lines = []
+    for name, label, trajectory, aligned in (("odometry", "odometry, aligned", data.trajectory_odometry, True), ours):
+        own, true = associate(trajectory.stamps_ns, data.truth.stamps_ns)
+        if not len(own):
+            continue
+        points, targets = trajectory.positions[own], data.truth.positions[true]
         try:
-            T = align_se3(points, targets)
+            points = transform_points(align_se3(points, targets), points) if aligned else points
         except UserError:
-            return None
-        points = transform_points(T, points)
-    seconds = (trajectory.stamps_ns[ours] - start_ns) / 1e9
-    return ErrorLine(name, label, seconds, np.linalg.norm(points - targets, axis=1))
+            continue
+        seconds = (trajectory.stamps_ns[own] - data.trajectory_map.stamps_ns[0]) / 1e9
+        lines.append(ErrorLine(name, label, seconds, np.linalg.norm(points - targets, axis=1)))
+    return lines
 
 
 def error_chart(data: ReportData, lines: Sequence[ErrorLine]) -> str:

@@ -49,7 +49,6 @@ def report_html(data: ReportData) -> str:
         summary=tables.summary_rows(data),
         hypotheses=[] if anchored else tables.hypothesis_rows(data.hypotheses, storeys),
         rooms=tables.room_rows(data),
-        stages=tables.stages_and_total(data.metrics),
         about=data.metrics.get("about") or {},
         elements=element_rows(data.elements),
         element_columns=COLUMNS,

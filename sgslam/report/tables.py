@@ -4,7 +4,6 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from data.geometry.poses import poses_to_xyzquat
 from sgslam.as_built.deviation_bands import MINUS
 from sgslam.config import AnchorSettings
 from sgslam.report.contents import ReportData, path_length
@@ -78,7 +77,7 @@ def run_rows(metrics: dict[str, Any]) -> dict[str, str]:
 
 def summary_rows(data: ReportData) -> list[tuple[str, str]]:
     """Name and value of the figures of the whole run: those of `run_rows`, how many scans were lost or are in parts
-    that were not placed, if any, the way, and the pose of the map."""
+    that were not placed, if any, and the way."""
     rows = run_rows(data.metrics)
     if data.scans is not None:
         apart = data.scans.part > 0
@@ -89,12 +88,6 @@ def summary_rows(data: ReportData) -> list[tuple[str, str]]:
             span = f"between {when.min():.1f} and {when.max():.1f} s; they are not drawn"
             rows["Scans in parts not placed"] = f"{thousands(int(apart.sum()))}, {span}"
     rows["Distance travelled"] = f"{path_length(data.trajectory_map.positions):.1f} m"
-    if data.T_bim_map is not None:
-        x, y, z, *quaternion = poses_to_xyzquat(data.T_bim_map)
-        yaw = math.degrees(math.atan2(data.T_bim_map[1, 0], data.T_bim_map[0, 0]))
-        rows["T_bim_map: x, y, z"] = f"{x:.3f}, {y:.3f}, {z:.3f} m"
-        rows["T_bim_map: yaw"] = f"{yaw:.2f}°"
-        rows["T_bim_map: qx, qy, qz, qw"] = ", ".join(f"{q:.6f}" for q in quaternion)
     return list(rows.items())
 
 

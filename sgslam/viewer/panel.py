@@ -59,7 +59,7 @@ class Panel:
         middle = (low + high) / 2 + size * np.array([0.2, -0.05, 0.0])
         self._page.set_camera(middle, middle + size * np.array([0.0, -0.5, 0.6]))
 
-    def show(self, now: Snapshot, heading: str, scans: int, facts: Sequence[str]) -> None:
+    def show(self, now: Snapshot, heading: str, scans: int, facts: Sequence[str] = ()) -> None:
         """Shows the status, a `heading` and further lines."""
         self._now = now
         names = [ALL, *self.scene.storeys.values()]
