@@ -1,10 +1,9 @@
 """Writes a copy of an IFC model whose elements show how they were built: by a property set and a colour."""
 
 import uuid
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any, TypeAlias
 
 import ifcopenshell
 import ifcopenshell.api.geometry
@@ -17,7 +16,7 @@ from data.common.files import write_atomically
 from data.ifc.products import open_ifc
 
 Entity: TypeAlias = ifcopenshell.entity_instance
-Status = Literal["as planned", "moved", "absent", "not seen", "uncertain"]
+Entry = Mapping[str, Any]  # of `elements` and of `unplanned` in elements.json
 Rgb = tuple[float, float, float]
 PROPERTY_SET = "AsBuilt"
 COLORS: dict[str, tuple[Rgb, float]] = {  # and transparency; distinct to colour-blind eyes too
@@ -29,69 +28,25 @@ COLORS: dict[str, tuple[Rgb, float]] = {  # and transparency; distinct to colour
 _THICK = 0.02  # m, of the slab that shows the side of an unplanned wall
 
 
-@dataclass(frozen=True)
-class Measurement:
-    """How well an element was measured: the level of accuracy `loa`, None where nothing was measured; whether it is
-    `conclusive` of the status; the share of its surface that was `seen`, and from how many `views`."""
-
-    loa: str | None
-    conclusive: bool
-    seen: float
-    views: int
-
-
-@dataclass(frozen=True)
-class ElementFinding:
-    """A finding on the element with this GlobalId.
-
-    `shift_in_bim` (x, y, z) is its offset from the plan in metres, `sigma_m` the standard deviation of that, `turn_rad`
-    its rotation in plan; `reason` explains the status.
-    """
-
-    global_id: str
-    status: Status
-    shift_in_bim: tuple[float, float, float] | None
-    sigma_m: float | None
-    turn_rad: float | None
-    reason: str
-    measurement: Measurement | None = None
-
-
-@dataclass(frozen=True)
-class UnplannedWall:
-    """A side of a wall that the plan lacks: footprint from `start` to `end` (x y) and z from `low` to `high`, metres,
-    the model's world coordinates; `storey` is the GlobalId of the storey that it stands on."""
-
-    name: str
-    start: tuple[float, float]
-    end: tuple[float, float]
-    low: float
-    high: float
-    storey: str | None
-    reason: str
-
-
-def write_as_built(
-    ifc: Path | str, findings: list[ElementFinding], unplanned: list[UnplannedWall], path: Path | str
-) -> int:
-    """Writes the copy atomically, and returns how many of the findings are of products that are in the model.
+def write_as_built(ifc: Path | str, elements: Sequence[Entry], unplanned: Sequence[Entry], path: Path | str) -> int:
+    """Writes the copy atomically, with the unplanned walls, and returns how many of the elements are in the model.
 
     Lengths and angles are in the model's own units. Raises UserError for a file that cannot be read as IFC.
     """
     model = open_ifc(ifc)
     styles: dict[str, Entity] = {}
     marked = 0
-    for finding in findings:
+    for entry in elements:
         try:
-            element = model.by_guid(finding.global_id)
+            element = model.by_guid(entry["global_id"])
         except RuntimeError:
             continue
         marked += 1
-        _describe(model, element, _properties(model, finding))
-        _color(model, element, finding.status, styles)
-    for wall_side in unplanned:
-        proxy = _proxy(model, wall_side)
-        _describe(model, proxy, {"Status": ("IfcLabel", "unplanned"), "Reason": ("IfcText", wall_side.reason)})
+        _describe(model, element, _properties(model, entry))
+        _color(model, element, entry["verdict"], styles)
+    for wall in unplanned:
+        proxy = _proxy(model, wall)
+        _describe(model, proxy, {"Status": ("IfcLabel", "unplanned"), "Reason": ("IfcText", wall["reason"])})
         _color(model, proxy, "unplanned", styles)
     write_atomically(path, model.to_string())
     return marked
@@ -102,31 +57,25 @@ def project_of(ifc: Path | str) -> str:
     return next((str(p.GlobalId) for p in open_ifc(ifc).by_type("IfcProject")), "")
 
 
-def _properties(model: ifcopenshell.file, finding: ElementFinding) -> dict[str, tuple[str, Any]]:
+def _properties(model: ifcopenshell.file, of: Entry) -> dict[str, tuple[str, Any]]:
     """Names to IFC types and values."""
     metre, radian = calculate_unit_scale(model), calculate_unit_scale(model, "PLANEANGLEUNIT")
-    entries: dict[str, tuple[str, Any]] = {"Status": ("IfcLabel", finding.status)}
-    if finding.shift_in_bim is not None:
-        entries["Offset"] = "IfcLengthMeasure", float(np.linalg.norm(finding.shift_in_bim)) / metre
-        for axis, shift in zip("XYZ", finding.shift_in_bim, strict=True):
-            entries[f"Offset{axis}"] = "IfcLengthMeasure", shift / metre
-    if finding.sigma_m is not None:
-        entries["OffsetSigma"] = "IfcLengthMeasure", finding.sigma_m / metre
-    if finding.turn_rad is not None:
-        entries["Turn"] = "IfcPlaneAngleMeasure", finding.turn_rad / radian
-    if finding.measurement is not None:
-        entries |= _measured(finding.measurement)
-    entries["Reason"] = "IfcText", finding.reason
-    return entries
-
-
-def _measured(of: Measurement) -> dict[str, tuple[str, Any]]:
-    loa = {} if of.loa is None else {"LevelOfAccuracy": ("IfcLabel", of.loa)}
-    return {
-        **loa,
-        "Conclusive": ("IfcBoolean", of.conclusive),
-        "ShareSeen": ("IfcNormalisedRatioMeasure", of.seen),
-        "Views": ("IfcInteger", of.views),
+    entries: dict[str, tuple[str, Any]] = {"Status": ("IfcLabel", of["verdict"])}
+    if of["offset_m"] is not None:
+        entries["Offset"] = "IfcLengthMeasure", abs(of["offset_m"]) / metre
+        for axis, share in zip("XYZ", of["direction"], strict=True):
+            entries[f"Offset{axis}"] = "IfcLengthMeasure", of["offset_m"] * share / metre
+    if of["sigma_m"] is not None:
+        entries["OffsetSigma"] = "IfcLengthMeasure", of["sigma_m"] / metre
+    if of["turn_rad"] is not None:
+        entries["Turn"] = "IfcPlaneAngleMeasure", of["turn_rad"] / radian
+    if of["loa"] is not None:
+        entries["LevelOfAccuracy"] = "IfcLabel", of["loa"]
+    return entries | {
+        "Conclusive": ("IfcBoolean", of["conclusive"]),
+        "ShareSeen": ("IfcNormalisedRatioMeasure", of["seen"]),
+        "Views": ("IfcInteger", of["views"]),
+        "Reason": ("IfcText", of["reason"]),
     }
 
 
@@ -185,35 +134,36 @@ def _style(model: ifcopenshell.file, status: str) -> Entity:
     return style
 
 
-def _proxy(model: ifcopenshell.file, wall: UnplannedWall) -> Entity:
+def _proxy(model: ifcopenshell.file, wall: Entry) -> Entity:
     """A slab where the side of the wall was seen."""
     history = next(iter(model.by_type("IfcOwnerHistory")), None)
+    (start, end), (low, high), name = map(tuple, wall["trace"]), wall["height_m"], wall["id"]
     proxy = model.create_entity(
-        "IfcBuildingElementProxy", _guid(f"{wall.name}/{wall.start}/{wall.end}"), history, f"Unplanned wall {wall.name}"
+        "IfcBuildingElementProxy", _guid(f"{name}/{start}/{end}"), history, f"Unplanned wall {name}"
     )
     metre = calculate_unit_scale(model)
-    length = float(np.hypot(wall.end[0] - wall.start[0], wall.end[1] - wall.start[1])) / metre
+    length = float(np.hypot(end[0] - start[0], end[1] - start[1])) / metre
     builder, half = ShapeBuilder(model), _THICK / 2 / metre
     outline = builder.polyline([(0.0, -half), (length, -half), (length, half), (0.0, half)], closed=True)
-    solid = builder.extrude(outline, magnitude=(wall.high - wall.low) / metre)
+    solid = builder.extrude(outline, magnitude=(high - low) / metre)
     proxy.Representation = model.create_entity(
         "IfcProductDefinitionShape", None, None, [builder.get_representation(_body_context(model), [solid])]
     )
     T = np.eye(4)
-    along = np.subtract(wall.end, wall.start) / (length * metre)
+    along = np.subtract(end, start) / (length * metre)
     T[:2, :2] = [[along[0], -along[1]], [along[1], along[0]]]
-    T[:3, 3] = *wall.start, wall.low
+    T[:3, 3] = *start, low
     ifcopenshell.api.geometry.edit_object_placement(model, product=proxy, matrix=T)
-    for storey in _storeys(model, wall.storey):
+    for storey in _storeys(model, wall["storey"]):
         model.create_entity(
             "IfcRelContainedInSpatialStructure", _guid(f"{proxy.GlobalId}/in"), history, None, None, [proxy], storey
         )
     return proxy
 
 
-def _storeys(model: ifcopenshell.file, global_id: str | None) -> Iterator[Entity]:
-    """The storey of that id, else the first there is."""
-    named = [s for s in model.by_type("IfcBuildingStorey") if s.GlobalId == global_id]
+def _storeys(model: ifcopenshell.file, called: str) -> Iterator[Entity]:
+    """The storey with that name or id, else the first there is."""
+    named = [s for s in model.by_type("IfcBuildingStorey") if called in (s.Name, s.LongName, s.GlobalId)]
     yield from (named or model.by_type("IfcBuildingStorey"))[:1]
 
 

@@ -1,7 +1,6 @@
 """As built against as planned: deviations, missing and extra walls."""
 
-from sgslam.as_built.assessment import AnchoredMap, Assessment, assess
-from sgslam.as_built.deviation_entries import Deviation
+from sgslam.as_built.assessment import AnchoredMap, Assessment, Deviation, assess
 
 __all__ = [
     "AnchoredMap",

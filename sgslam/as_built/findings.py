@@ -1,9 +1,9 @@
-"""The findings of a run by element, in formats for BIM viewers."""
+"""The findings of a run as BCF topics, for BIM viewers."""
 
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,43 +13,10 @@ from data.scene_graph import SceneGraph
 from sgslam.as_built.elements.tolerance_classes import is_off
 from sgslam.config.sensor import CARRIER
 
-if TYPE_CHECKING:
-    from data.ifc.deviations import ElementFinding, UnplannedWall
-
 Floats = NDArray[np.float64]
 Entry = Mapping[str, Any]  # of elements.json
 BCF: dict[Version, str] = {"2.1": "deviations.bcf", "3.0": "deviations_3.0.bcf"}  # most viewers read the first only
 _COLORS = {"moved": "FFD65E00", "absent": "FF56B4E9", "extra": "FFCC79A7"}
-
-
-def element_findings(elements: Sequence[Entry]) -> list["ElementFinding"]:
-    """The finding for each entry of elements.json."""
-    from data.ifc.deviations import ElementFinding, Measurement
-
-    findings = []
-    for entry in elements:
-        shift = None
-        if entry["offset_m"] is not None:
-            x, y, z = (entry["offset_m"] * axis for axis in entry["direction"])
-            shift = (x, y, z)
-        measurement = Measurement(entry["loa"], entry["conclusive"], entry["seen"], entry["views"])
-        known = entry["global_id"], entry["verdict"], shift, entry["sigma_m"], entry["turn_rad"], entry["reason"]
-        findings.append(ElementFinding(*known, measurement))
-    return findings
-
-
-def unplanned_findings(unplanned: Sequence[Entry], a_graph: SceneGraph) -> list["UnplannedWall"]:
-    """The finding for each wall among the entries of what no plan shows."""
-    from data.ifc.deviations import UnplannedWall
-
-    storeys = {floor.name or floor.id: floor.id for floor in a_graph.floors}
-    found = []
-    for wall in unplanned:
-        if wall["kind"] == "wall-like":
-            (first, last), (low, high) = map(tuple, wall["trace"]), wall["height_m"]
-            where = {"storey": storeys.get(wall["storey"]), "reason": wall["reason"]}
-            found.append(UnplannedWall(wall["id"], first, last, low, high, **where))
-    return found
 
 
 def write_topics(

@@ -78,14 +78,11 @@ def _ply(run: "RunFolder", voxel: float | None) -> list[str]:
 
 def _ifc(run: "RunFolder", bim: Path, voxel: float | None) -> list[str]:
     from data.ifc.deviations import write_as_built
-    from sgslam.as_built.findings import element_findings, unplanned_findings
 
     _require_elements(run)
-    a_graph, _ = run.anchored()
-    findings, unplanned = element_findings(run.elements), unplanned_findings(run.unplanned, a_graph)
-    target = run.path / IFC
-    marked = write_as_built(bim, findings, unplanned, target)
-    if findings and not marked:
+    target, unplanned = run.path / IFC, [own for own in run.unplanned if own["kind"] == "wall-like"]
+    marked = write_as_built(bim, run.elements, unplanned, target)
+    if run.elements and not marked:
         target.unlink()
         raise UserError(f"{bim}: has none of the elements of {run.path}; give the model of that run")
     return [f"{target}: {marked} elements with the property set AsBuilt, {len(unplanned)} unplanned walls added"]

@@ -20,7 +20,7 @@ def main(arguments: list[str] | None = None) -> int:
     from data.common.files import write_atomically, write_json
     from data.plans import load_bim
     from matching.matcher import DEFAULT
-    from sgslam.inspection import InspectionSettings, inspect
+    from sgslam.inspection import inspect
     from sgslam.inspection.page import inspection_html
     from sgslam.result.saving import prepare_folder
 
@@ -30,9 +30,12 @@ def main(arguments: list[str] | None = None) -> int:
     console = Console(stderr=True)
     with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
         task = bar.add_task("start rooms", total=None)
-        told = InspectionSettings(*settings.values())
         found = inspect(
-            bim.graph, bim.notices, told, options.jobs, lambda done, of: bar.update(task, completed=done, total=of)
+            bim.graph,
+            bim.notices,
+            **settings,
+            jobs=options.jobs,
+            progress=lambda done, of: bar.update(task, completed=done, total=of),
         )
     write_json(out / VALUES, {"file": options.bim.name, **settings, **found.to_dict()})
     write_atomically(out / PAGE, inspection_html(found, options.bim.name))

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+BIN_M = 0.005  # of a histogram of distances
 _AXES = np.concatenate([np.eye(3), -np.eye(3)])  # faces are sorted by the axis that their normal is nearest to
 
 
@@ -41,6 +42,11 @@ class CloudToModel:
     def compared(self) -> NDArray[np.bool_]:
         """(N,) whether a planned surface is near."""
         return self.element >= 0
+
+    @property
+    def edges(self) -> Floats:
+        """The edges (m) of the bins of a histogram."""
+        return np.arange(-self.reach, self.reach + BIN_M / 2, BIN_M)
 
 
 def distances_to_model(

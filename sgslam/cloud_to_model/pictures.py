@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from data.common.files import write_atomically
 from sgslam.cloud_to_model.distances import CloudToModel
-from sgslam.cloud_to_model.summary import BIN_M
 
 if TYPE_CHECKING:
     from data.plans.elements import PlannedElement  # loads ifcopenshell
@@ -35,8 +34,7 @@ def write_histogram(found: CloudToModel, tolerance: float, path: Path) -> None:
     """How often each distance is, with the tolerance marked."""
     figure = _figure(7.0, 3.0)
     axes = figure.subplots()
-    edges = np.arange(-found.reach, found.reach + BIN_M / 2, BIN_M)
-    axes.hist(1000 * found.distance[found.compared], 1000 * edges, color="#0072b2")
+    axes.hist(1000 * found.distance[found.compared], 1000 * found.edges, color="#0072b2")
     for sign in (-1, 1):
         axes.axvline(1000 * sign * tolerance, color="#d55e00", linewidth=1.0)
     axes.set(xlabel="distance from the planned face (mm), positive before it", ylabel="points")

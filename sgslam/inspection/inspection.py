@@ -64,32 +64,26 @@ class Inspection:
         return counts | {"walls_without_room": count_walls(walls_without_room(part.wall_surfaces))}
 
 
-@dataclass(frozen=True)
-class InspectionSettings:
-    """The matcher's name, the maximum number of maps of the same rooms, and the seed."""
-
-    method: str = DEFAULT
-    max_maps: int = 21
-    seed: int = 0
-
-
 def inspect(
     graph: SceneGraph,
     notices: tuple[str, ...] = (),
-    settings: InspectionSettings | None = None,
+    method: str = DEFAULT,
+    maps: int = 21,
+    seed: int = 0,
     jobs: int = 1,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Inspection:
     """Inspects an A-graph with `jobs` single-threaded processes; `progress` is called as start rooms are done.
 
-    Raises UserError for an unknown matcher.
+    `method` is the matcher's name, `maps` the maximum number of maps of the same rooms. Raises UserError for an
+    unknown matcher.
     """
     blocks = [
         (index, range(start, min(start + _BLOCK, len(s.rooms))))
         for index, s in enumerate(storeys_of(graph))
         for start in range(0, len(s.rooms), _BLOCK)
     ]
-    work = partial(_inspect_block, graph, settings or InspectionSettings())
+    work = partial(_inspect_block, graph, method, maps, seed)
     found: dict[Block, list[RoomInspection]] = {}
     alone = jobs == 1 or len(blocks) < 2
     for block, own in ((block, work(block)) for block in blocks) if alone else completed(work, blocks, jobs):
@@ -104,11 +98,10 @@ def inspect(
     return Inspection(graph, notices, tuple(plan_issues(graph)), similar_storeys, rooms)
 
 
-def _inspect_block(graph: SceneGraph, settings: InspectionSettings, block: Block) -> list[RoomInspection]:
+def _inspect_block(graph: SceneGraph, method: str, maps: int, seed: int, block: Block) -> list[RoomInspection]:
     index, starts = block
-    similarity, matcher = SelfSimilarity(graph), Matcher.load(settings.method)
-    storey = storeys_of(graph)[index]
-    cache = MatchCache(graph, storey, index, matcher, settings.seed, settings.max_maps)
+    similarity = SelfSimilarity(graph)
+    cache = MatchCache(graph, storeys_of(graph)[index], index, Matcher.load(method), seed, maps)
     rooms = []
     with threadpool_limits(1):
         for start in starts:

@@ -7,7 +7,7 @@ from statistics import median_high
 from data import Floor
 from matching.ambiguity.symmetries import SimilarPlace
 from sgslam.inspection.inspection import Inspection, RoomInspection
-from sgslam.inspection.plan_svg import heat_labels, room_count_text, storey_svg
+from sgslam.inspection.plan_svg import heat, heat_labels, storey_svg
 from sgslam.report.html_page import TEMPLATES
 from sgslam.report.number_formats import NOTHING
 
@@ -71,7 +71,7 @@ def _room_rows(inspection: Inspection, floor: str | None) -> list[list[str]]:
         reach = f"{n.by_doors} of {n.reachable}"
         name = graph.room_by_id[room].name or room
         similar = _similar_places(inspection, found)
-        rows.append([name, similar, *counts, reach, trials, room_count_text(n) or NOTHING])
+        rows.append([name, similar, *counts, reach, trials, heat(n)[1] or NOTHING])
     return rows
 
 

@@ -15,20 +15,13 @@ STEPS = (1, 2, 3, 4, 6, 9)  # highest number of rooms of each colour; one more c
 NEVER, UNKNOWN = "never", "none"
 
 
-def heat(found: RoomsToLocalise | None) -> str:
-    """The name of a room's colour, as in the style sheet."""
+def heat(found: RoomsToLocalise | None) -> tuple[str, str]:
+    """The name of a room's colour, as in the style sheet, and the number that is drawn in it, or why there is none."""
     if found is None or found.outcome == "no walls":
-        return UNKNOWN
+        return UNKNOWN, ""
     if found.rooms is None:
-        return NEVER if found.outcome == "never" else "lost"
-    return str(sum(found.rooms > step for step in STEPS) + 1)
-
-
-def room_count_text(found: RoomsToLocalise | None) -> str:
-    """The number that is drawn in the room, or a word for why there is none."""
-    if found is None or found.outcome == "no walls":
-        return ""
-    return str(found.rooms) if found.rooms is not None else NEVER if found.outcome == "never" else "?"
+        return (NEVER, NEVER) if found.outcome == "never" else ("lost", "?")
+    return str(sum(found.rooms > step for step in STEPS) + 1), str(found.rooms)
 
 
 def storey_svg(inspection: Inspection, floor: str | None) -> str:
@@ -40,10 +33,10 @@ def storey_svg(inspection: Inspection, floor: str | None) -> str:
     heats, counts, names = [], [], []
     for room in part.rooms:
         found = inspection.rooms[room.id].to_localise if room.id in inspection.rooms else None
-        text, name = room_count_text(found), room_name(room, "names", 1.2)
+        (colour, text), name = heat(found), room_name(room, "names", 1.2)
         (area,) = room_marks([room]) or (_dot(room.centroid),)
         title = f"{name.text}: {text or 'no walls'}"
-        heats.append(replace(area, title=title, looks=(f"heat-{heat(found)}",)))
+        heats.append(replace(area, title=title, looks=(f"heat-{colour}",)))
         names.append(name)
         counts.append(Name(text, name.place, 2.0 * name.size, "names", -0.05, "count"))
     lines: dict[bool, list[Mark]] = {True: [], False: []}

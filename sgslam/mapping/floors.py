@@ -79,15 +79,14 @@ class Floors:
         """Adds a floor and makes it the current one."""
         number = len(self.maps)
         levels = LevelMap(self._config.levels, self.level_register)
-        self.current = FloorMap(number, WallMap(self._config.surfaces, self.register, number), levels)
+        self.current = FloorMap(number, WallMap(self._config.surfaces, self.register), levels)
         self.maps.append(self.current)
         return self.current
 
     @property
     def seen(self) -> list[SeenWall]:
         """The wall observations of all floors in the order in which they were made."""
-        own = [iter(floor.walls.seen) for floor in self.maps]
-        return [next(own[storey]) for storey in self.register.order]
+        return sorted((s for floor in self.maps for s in floor.walls.seen), key=lambda s: s.keyframe)
 
     @property
     def levels(self) -> list[SeenLevel]:

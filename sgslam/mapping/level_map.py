@@ -30,14 +30,9 @@ class SeenLevel:
 
 
 class Register:
-    """The numbering of walls or level surfaces that the maps of all floors share.
-
-    `count` of them are numbered; `order` is the floor of each observation of a wall, in the order in which they were
-    made.
-    """
+    """The numbering of walls or level surfaces that the maps of all floors share; `count` of them are numbered."""
 
     def __init__(self) -> None:
-        self.order: list[int] = []
         self.count = 0
 
     def number(self) -> int:

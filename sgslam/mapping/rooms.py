@@ -128,7 +128,7 @@ def segment(space: FreeSpace, visited: Floats, settings: RoomSettings) -> Segmen
     """Segments free space into rooms. Only free space connected to the sensor places `visited` (K, 2) is used."""
     free = _reached(space, visited)
     clearance = cv2.distanceTransform(free.astype(np.uint8), cv2.DIST_L2, 5) * space.grid.cell
-    seeds, _ = _label(clearance > settings.seed_clearance)
+    seeds = _label(clearance > settings.seed_clearance)
     # cells in narrow places belong to the seed that their widest path leads to
     labels = watershed(-clearance, seeds, mask=free).astype(np.int32)
     labels = _join_wide_necks(labels, clearance, settings)
@@ -152,13 +152,12 @@ def _over_lintels(labels: NDArray[np.int32], space: FreeSpace) -> NDArray[np.int
     return np.where((labels == 0) & lintel & ~space.wall, grown, labels)
 
 
-def _label(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int32], int]:
-    count, labels = cv2.connectedComponents(mask.astype(np.uint8), connectivity=4)
-    return labels, count
+def _label(mask: NDArray[np.bool_]) -> NDArray[np.int32]:
+    return cv2.connectedComponents(mask.astype(np.uint8), connectivity=4)[1]
 
 
 def _reached(space: FreeSpace, visited: Floats) -> NDArray[np.bool_]:
-    labels, _ = _label(space.free)
+    labels = _label(space.free)
     names = set(space.grid.look_up(labels, visited).tolist()) - {0}
     return np.isin(labels, list(names))
 

@@ -54,15 +54,14 @@ class Lines:
 
 
 class WallMap:
-    """The wall observations of floor `storey` and the walls that they belong to.
+    """The wall observations of one floor and the walls that they belong to.
 
     `register` is shared by all floors. `T_level_map` (4, 4) levels the map: z up, the floor at z = 0. `planes_in_map`
     are the back end's planes (4,) by wall number.
     """
 
-    def __init__(self, settings: SurfaceSettings, register: Register | None = None, storey: int = 0) -> None:
-        self._settings = settings
-        self._register, self._storey = register or Register(), storey
+    def __init__(self, settings: SurfaceSettings, register: Register | None = None) -> None:
+        self._settings, self._register = settings, register or Register()
         self.seen: list[SeenWall] = []
         self.planes_in_map: dict[int, Floats] = {}
         self.T_level_map: Floats = np.eye(4)
@@ -86,7 +85,6 @@ class WallMap:
             self.seen.append(
                 SeenWall(keyframe, wall, plane, ends, piece.heights, piece.sigma_normal, piece.sigma_offset)
             )
-            self._register.order.append(self._storey)
             self.planes_in_map.setdefault(wall, plane_in_map)
         normals, _ = self._as_lines(np.stack([self.planes_in_map[wall] for wall in walls]))
         self._widen(np.array(walls), normals, ends_in_level[..., :2], [keyframe] * len(walls))
@@ -98,7 +96,6 @@ class WallMap:
         """
         for s in other.seen:
             self.seen.append(replace(s, keyframe=s.keyframe + keyframes, wall=wall_of[s.wall]))
-            self._register.order.append(self._storey)
 
     def refresh(self, poses: Floats, planes_in_map: dict[int, Floats], T_level_map: Floats) -> None:
         """Updates the walls from the back end: `poses` (K, 4, 4), T_map_sensor of all keyframes, and planes (4,)."""

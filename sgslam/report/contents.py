@@ -13,7 +13,6 @@ from sgslam.geometry.frames import se2_to_se3
 from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
 
 Array = NDArray[np.float64]
-_ENTERED_M = 1.0  # path length in a room from which on it counts as entered, not just looked into
 DRAWN_HYPOTHESES = 4
 BESIDE_GAP_M = 3.0  # gap between the plan and a map of unknown place
 
@@ -101,59 +100,16 @@ def _on_floor(data: ReportData, floor: Floor, stamps: NDArray[np.int64], on: NDA
 
 
 def current_storey(data: ReportData) -> Floor | None:
-    """The BIM's storey that the robot is on; None where the BIM has no storeys, or the floor was not placed.
-
-    Taken from the match, else from the height of the anchored or the true trajectory; else it is the storey with the
-    most rooms.
-    """
+    """The BIM's storey of the match, else of the best hypothesis, else the one with the most rooms; None where the BIM
+    has no storeys, or the floor was not placed."""
     if data.a_graph is None or not data.a_graph.floors or not data.placed:
         return None
-    floors, rooms = data.a_graph.floors, data.a_graph.rooms
-    by_id = {floor.id: floor for floor in floors}
+    by_id = {floor.id: floor for floor in data.a_graph.floors}
     for floor_id in ((data.matches or {}).get("floor"), *(h.get("floor") for h in data.hypotheses)):
         if floor_id in by_id:
             return by_id[floor_id]
-    known = sorted((f.elevation, i) for i, f in enumerate(floors) if f.elevation is not None)
-    in_bim = data.truth if data.T_bim_map is None else data.known.transformed(data.T_bim_map)
-    if in_bim is not None and known and len(in_bim):
-        height = float(np.median(in_bim.positions[:, 2]))
-        below = [i for elevation, i in known if elevation <= height]
-        return floors[below[-1] if below else known[0][1]]
-    return max(floors, key=lambda f: sum(r.floor == f.id for r in rooms))
-
-
-def entered_unmatched(data: ReportData) -> list[tuple[str | None, str]]:
-    """The BIM's rooms that the robot entered and that have no match: (S id, A id).
-
-    The S room is the one that contains most of the path there, None where there is none. Empty for a run that is not
-    anchored.
-    """
-    floor = current_storey(data)
-    if data.T_bim_map is None or data.a_graph is None or not data.placed:
-        return []
-    on_map = data.known.positions[:, :2]
-    in_bim = data.known.transformed(data.T_bim_map).positions[:, :2]
-    matched = {a for a, _ in data.pairs("rooms").values()}
-    mapped = {room.id: inside for room in data.s_graph.rooms if (inside := _inside(room, on_map)) is not None}
-    found: list[tuple[str | None, str]] = []
-    for room in data.a_graph.rooms:
-        inside = _inside(room, in_bim)
-        if room.id in matched or (floor is not None and room.floor != floor.id) or inside is None:
-            continue
-        if inside.mean() * path_length(on_map) >= _ENTERED_M:
-            shared = {s: int((inside & own).sum()) for s, own in mapped.items()}
-            most = max(shared, key=shared.__getitem__, default=None)
-            found.append((most if most is not None and shared[most] else None, room.id))
-    return found
-
-
-def _inside(room: Room, places: Array) -> NDArray[np.bool_] | None:
-    """(N,) whether points (N, 2) lie in a room; None where its outline is not known."""
-    import shapely
-
-    if room.polygon is None or len(room.polygon) < 3:
-        return None
-    return np.asarray(shapely.contains_xy(shapely.Polygon(room.polygon), places))
+    rooms = data.a_graph.rooms
+    return max(by_id.values(), key=lambda f: sum(r.floor == f.id for r in rooms))
 
 
 def path_length(places: Array) -> float:
@@ -162,7 +118,7 @@ def path_length(places: Array) -> float:
 
 
 def placement(data: ReportData, floor: Floor | None) -> tuple[Array, str]:
-    """T_plan_map (4, 4) and the plan's heading, which states how reliable it is.
+    """T_plan_map (4, 4), in plan view, and the plan's heading, which states how reliable it is.
 
     The plan's frame is the BIM frame where there is a BIM, else the map frame.
     """
@@ -173,7 +129,7 @@ def placement(data: ReportData, floor: Floor | None) -> tuple[Array, str]:
     if data.T_bim_map is not None:
         T_plan_map, remark = data.T_bim_map, ""
     elif best is not None:
-        T_plan_map = _hypothesis_pose(data, best, floor)
+        T_plan_map = se2_to_se3(*best)
         remark = "; the map is placed by the best hypothesis, which was not accepted"
     else:
         T_plan_map = _pose_beside_plan(data, floor)
@@ -183,14 +139,6 @@ def placement(data: ReportData, floor: Floor | None) -> tuple[Array, str]:
     return T_plan_map, ((floor.name or floor.id) if floor else "The plan") + remark
 
 
-def _hypothesis_pose(data: ReportData, T_a_s: list[float], floor: Floor | None) -> Array:
-    """T_bim_map (4, 4) of a hypothesis `T_a_s` [yaw, x, y], with the map's floor at the storey's elevation."""
-    planned = floor.elevation if floor else None
-    ours = next((f.elevation for f in data.s_graph.floors if f.elevation is not None), None)
-    yaw, x, y = T_a_s
-    return se2_to_se3(yaw, x, y, planned - ours if planned is not None and ours is not None else 0.0)
-
-
 def _pose_beside_plan(data: ReportData, floor: Floor | None) -> Array:
     assert data.a_graph is not None
     items: list[WallSurface | Room] = [*data.a_graph.wall_surfaces, *data.a_graph.rooms]
@@ -198,7 +146,7 @@ def _pose_beside_plan(data: ReportData, floor: Floor | None) -> Array:
     ours: list[Any] = [w.centroid for w in data.s_graph.wall_surfaces]
     ours += list(data.trajectory_map.positions[:, :2])
     if not plan or not ours:
-        return _hypothesis_pose(data, [0.0, 0.0, 0.0], floor)
+        return np.eye(4)
     x = float(np.max(plan, axis=0)[0] - np.min(ours, axis=0)[0]) + BESIDE_GAP_M
     y = float(np.mean(plan, axis=0)[1] - np.mean(ours, axis=0)[1])
-    return _hypothesis_pose(data, [0.0, x, y], floor)
+    return se2_to_se3(0.0, x, y)

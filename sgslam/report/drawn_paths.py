@@ -1,4 +1,4 @@
-"""The paths of the plan and the 3D view, in pieces, and the band of the trajectory's uncertainty."""
+"""The paths of the plan, in pieces, and the band of the trajectory's uncertainty."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,19 +18,17 @@ _KNOWN, _LOST = 0, 1  # states of a scan; larger ones are parts that were not pl
 
 @dataclass(frozen=True)
 class Mark:
-    """A line through `points`, or (`closed`) the area within them, in the plan's frame: (N, 2), or (N, 3) where the 3D
-    view shows it, too. `top` is the z of a wall's upper edge.
+    """A line through `points`, or (`closed`) the area within them, in the plan's frame: (N, 2).
 
-    `title` is the tooltip, `looks` are the style classes within its layer, `refers` the name and value of what tables
-    refer to it by.
+    `title` is the tooltip, `looks` are the style classes within its layer, `element` is the GlobalId of what it stands
+    for.
     """
 
     points: Array
     title: str = ""
     closed: bool = False
     looks: tuple[str, ...] = ()
-    refers: tuple[str, str] | None = None
-    top: float = 0.0
+    element: str = ""
 
 
 def drawn_paths(data: ReportData, T_plan_map: Array) -> dict[str, list[Mark]]:
@@ -76,7 +74,7 @@ def uncertainty_band(data: ReportData, T_plan_map: Array) -> list[Mark]:
     sigma = np.fmax.reduceat(data.scans.sigma[:, :2], chosen)
     state = np.where(np.isfinite(sigma).all(axis=1), state, _LOST)
     angles = np.linspace(0.0, 2 * np.pi, 24, endpoint=False)  # which is too narrow by less than 1 %
-    ellipses = points[:, None, :2] + 2.0 * sigma[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    ellipses = points[:, None] + 2.0 * sigma[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
     swept: list[Any] = []
     for start, end in _runs(state):
         if state[start] == _KNOWN:
@@ -100,18 +98,18 @@ def subsample(count: int, most: int = MAX_VERTICES) -> NDArray[np.intp]:
 
 def _whole(trajectory: Trajectory, T_plan: Array) -> list[Mark]:
     chosen = subsample(len(trajectory))
-    return [Mark(_line(transform_points(T_plan, trajectory.positions[chosen])))] if len(chosen) else []
+    return [Mark(_line(transform_points(T_plan, trajectory.positions[chosen])[:, :2]))] if len(chosen) else []
 
 
 def _vertices(data: ReportData, T_plan_map: Array) -> tuple[Array, NDArray[np.intp], NDArray[np.int64]]:
-    """The drawn positions (N, 3) of the map's trajectory, their scans (N,), and their states (N,).
+    """The drawn positions (N, 2) of the map's trajectory, their scans (N,), and their states (N,).
 
     A vertex stands for the scans up to the next one: where the place of any of them is not known, its own is not.
     """
     assert data.scans is not None
     chosen = subsample(len(data.trajectory_map))
     state = np.where(data.scans.part > 0, data.scans.part + _LOST, np.where(data.scans.lost, _LOST, _KNOWN))
-    points = transform_points(T_plan_map, data.trajectory_map.positions[chosen])
+    points = transform_points(T_plan_map, data.trajectory_map.positions[chosen])[:, :2]
     return points, chosen, np.maximum.reduceat(state, chosen)
 
 

@@ -48,7 +48,7 @@ def element_marks(entries: Sequence[Entry], floor: Floor | None) -> list[Mark]:
         told = f"{element_name(entry)} ({kind(entry['ifc_class'])}): {entry['verdict']}\n{entry['reason']}"
         looks = (f"verdict-{slug(entry['verdict'])}", *flat)
         outline = np.array(entry["outline"], dtype=float)
-        marks.append(Mark(outline, told, True, looks, ("element", entry["global_id"])))
+        marks.append(Mark(outline, told, True, looks, entry["global_id"]))
     return sorted(marks, key=lambda mark: "flat" not in mark.looks)
 
 

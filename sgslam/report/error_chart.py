@@ -9,14 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
-from data.trajectory import Trajectory
 from sgslam.geometry.frames import transform_points
 from sgslam.geometry.trajectory_errors import align_se3, associate
 from sgslam.report.contents import ReportData
 from sgslam.report.drawn_paths import subsample
 from sgslam.report.number_formats import metres
-from sgslam.report.plan_drawing import PlanDrawing
-from sgslam.report.plan_svg import Pen
 
 Array = NDArray[np.float64]
 WIDTH, HEIGHT, MARGIN = 1080, 300, 60  # of the drawing; right of its left and above its lower margin are the axes
@@ -50,88 +47,59 @@ def error_lines(data: ReportData) -> list[ErrorLine]:
     """
     if data.truth is None or not len(data.trajectory_map):
         return []
-    start, ours, label = int(data.trajectory_map.stamps_ns[0]), data.trajectory_map, "trajectory, aligned"
+    ours = "trajectory", "trajectory, aligned", data.trajectory_map, True
     if data.T_bim_map is not None:
-        ours, label = data.known.transformed(data.T_bim_map), "trajectory in the BIM frame, not aligned"
-    odometry = error_line("odometry", "odometry, aligned", data.trajectory_odometry, data.truth, start, True)
-    trajectory = error_line("trajectory", label, ours, data.truth, start, data.T_bim_map is None)
-    return [line for line in (odometry, trajectory) if line is not None]
-
-
-def error_line(
-    name: str, label: str, trajectory: Trajectory, truth: Trajectory, start_ns: int, aligned: bool
-) -> ErrorLine | None:
-    """The errors of a trajectory, which is `aligned` to the truth first or is in its frame; None where no stamps are
-    close, or it cannot be aligned."""
-    ours, true = associate(trajectory.stamps_ns, truth.stamps_ns)
-    if not len(ours):
-        return None
-    points, targets = trajectory.positions[ours], truth.positions[true]
-    if aligned:
+        in_bim = data.known.transformed(data.T_bim_map)
+        ours = "trajectory", "trajectory in the BIM frame, not aligned", in_bim, False
+    lines = []
+    for name, label, trajectory, aligned in (("odometry", "odometry, aligned", data.trajectory_odometry, True), ours):
+        own, true = associate(trajectory.stamps_ns, data.truth.stamps_ns)
+        if not len(own):
+            continue
+        points, targets = trajectory.positions[own], data.truth.positions[true]
         try:
-            T = align_se3(points, targets)
+            points = transform_points(align_se3(points, targets), points) if aligned else points
         except UserError:
-            return None
-        points = transform_points(T, points)
-    seconds = (trajectory.stamps_ns[ours] - start_ns) / 1e9
-    return ErrorLine(name, label, seconds, np.linalg.norm(points - targets, axis=1))
-
-
-class Axes:
-    """Seconds on x; on y metres, logarithmic: errors before and after anchoring differ by orders of magnitude."""
-
-    def __init__(self, lines: Sequence[ErrorLine]) -> None:
-        self.start, self.end = min(0.0, *(line.seconds[0] for line in lines)), max(line.seconds[-1] for line in lines)
-        self.top = max(math.ceil(math.log10(max(line.errors.max() for line in lines) + 1e-9)), -2)  # power of ten
-
-    def x(self, seconds: Any) -> Any:
-        """Of times (s)."""
-        return MARGIN + (seconds - self.start) / max(self.end - self.start, 1e-9) * (WIDTH - 1.2 * MARGIN)
-
-    def y(self, errors: Any) -> Any:
-        """Of errors (m); those below a millimetre are drawn as one."""
-        share = (np.log10(np.maximum(errors, 1e-3)) + 3) / (self.top + 3)
-        return HEIGHT - MARGIN - share * (HEIGHT - 1.5 * MARGIN)
+            continue
+        seconds = (trajectory.stamps_ns[own] - data.trajectory_map.stamps_ns[0]) / 1e9
+        lines.append(ErrorLine(name, label, seconds, np.linalg.norm(points - targets, axis=1)))
+    return lines
 
 
 def error_chart(data: ReportData, lines: Sequence[ErrorLine]) -> str:
-    """The SVG element `#errors`; its template adds the legend."""
+    """The SVG element `#errors`: seconds on x; on y metres, logarithmic, as errors before and after anchoring differ by
+    orders of magnitude. Its template adds the legend."""
     from matplotlib.ticker import MaxNLocator
 
-    axes, parts, below = Axes(lines), [], HEIGHT - MARGIN
-    for decade in range(-3, axes.top + 1):
-        y = float(axes.y(10.0**decade))
+    start, end = min(0.0, *(line.seconds[0] for line in lines)), max(line.seconds[-1] for line in lines)
+    top = max(math.ceil(math.log10(max(line.errors.max() for line in lines) + 1e-9)), -2)  # power of ten
+    parts, below = [], HEIGHT - MARGIN
+
+    def at(seconds: Any) -> Any:
+        return MARGIN + (seconds - start) / max(end - start, 1e-9) * (WIDTH - 1.2 * MARGIN)
+
+    def height(errors: Any) -> Any:  # those below a millimetre are drawn as one
+        return below - (np.log10(np.maximum(errors, 1e-3)) + 3) / (top + 3) * (HEIGHT - 1.5 * MARGIN)
+
+    for decade in range(-3, top + 1):
+        y = float(height(10.0**decade))
         parts.append(f'<line class="rule" x1="{MARGIN}" x2="{WIDTH}" y1="{y:.1f}" y2="{y:.1f}"/>')
         parts.append(f'<text class="end" x="{MARGIN - 8}" y="{y:.1f}" dy="0.35em">{10.0**decade:g} m</text>')
-    for tick in MaxNLocator(8).tick_values(axes.start, axes.end):
-        if axes.start <= tick <= axes.end:
-            parts.append(f'<text x="{axes.x(tick):.1f}" y="{below + 18}">{tick:g}</text>')
+    for tick in MaxNLocator(8).tick_values(start, end):
+        if start <= tick <= end:
+            parts.append(f'<text x="{at(tick):.1f}" y="{below + 18}">{tick:g}</text>')
     parts.append(f'<text x="{WIDTH / 2}" y="{below + 40}">seconds since the first scan</text>')
     first = data.metrics.get("first_anchor_s")
     if first is not None and data.T_bim_map is not None:
-        x = float(axes.x(float(first)))
+        x = float(at(float(first)))
         parts.append(f'<g class="moment"><line x1="{x:.1f}" x2="{x:.1f}" y1="20" y2="{below}"/>')
         parts.append(f'<text x="{x:.1f}" y="14">first anchor, {first:.1f} s</text></g>')
     for line in lines:
         starts = np.unique(subsample(len(line.seconds), SAMPLES))
-        points = zip(axes.x(line.seconds[starts]), axes.y(np.maximum.reduceat(line.errors, starts)), strict=True)
+        points = zip(at(line.seconds[starts]), height(np.maximum.reduceat(line.errors, starts)), strict=True)
         drawn = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
         parts.append(f'<g class="layer-{line.name}"><polyline points="{drawn}"/></g>')
     return (
         f'<svg id="errors" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="position error against time">'
-        f'{"".join(parts)}<line id="cursor" y1="20" y2="{below}"/></svg>'
+        f"{''.join(parts)}</svg>"
     )
-
-
-def chart_data(data: ReportData, lines: Sequence[ErrorLine], drawing: PlanDrawing) -> dict[str, Any]:
-    """JSON for pointing at the chart: samples of `seconds`, `errors` by line (m), and `place` in `#plan`."""
-    seconds = lines[-1].seconds[subsample(len(lines[-1].seconds), SAMPLES)]
-    stamps, way = data.trajectory_map.stamps_ns, transform_points(drawing.T_plan_map, data.trajectory_map.positions)
-    at = (stamps - stamps[0]) / 1e9
-    place = Pen(drawing.centre()).local(np.column_stack([np.interp(seconds, at, way[:, k]) for k in (0, 1)]))
-    return {
-        "seconds": seconds.round(2).tolist(),
-        "x": Axes(lines).x(seconds).round(1).tolist(),
-        "place": place.round(3).tolist(),
-        "errors": {line.label: np.interp(seconds, line.seconds, line.errors).round(4).tolist() for line in lines},
-    }

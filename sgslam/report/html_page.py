@@ -20,6 +20,5 @@ def _digest(text: str) -> str:
 
 
 TEMPLATES = Environment(loader=PackageLoader("sgslam", ""), autoescape=True, trim_blocks=True, lstrip_blocks=True)
-TEMPLATES.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
 TEMPLATES.globals["file"] = _file
 TEMPLATES.filters |= {"digest": _digest, "thousands": thousands, "metres": metres, "seconds": seconds, "slug": slug}

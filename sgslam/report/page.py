@@ -9,11 +9,10 @@ from sgslam.as_built.deviation_bands import LIMITS_MM, MINUS, UNPLANNED, band_la
 from sgslam.report import tables
 from sgslam.report.contents import DRAWN_HYPOTHESES, ReportData, split_by_floor
 from sgslam.report.elements import COLUMNS, VERDICTS, element_rows, verdict_counts
-from sgslam.report.error_chart import chart_data, error_chart, error_lines
+from sgslam.report.error_chart import error_chart, error_lines
 from sgslam.report.html_page import TEMPLATES
 from sgslam.report.plan_drawing import plan_drawing
 from sgslam.report.plan_svg import plan_svg
-from sgslam.report.scene_3d import scene_data, scene_layers
 
 _DRAWN = ("rooms-matched", "bim-walls", "walls-unmatched", "walls-matched")  # of each
 
@@ -24,18 +23,13 @@ def write_report(data: ReportData, path: Path | str) -> None:
 
 
 def report_html(data: ReportData) -> str:
-    """The page: status, key figures, plan, 3D view, errors and tables. All strings from data are escaped."""
+    """The page: status, key figures, plan, errors and tables. All strings from data are escaped."""
     drawing, *others = drawings = [plan_drawing(part) for part in split_by_floor(data)]
     anchored, lines = data.T_bim_map is not None, error_lines(data)
-    embedded = {"scene-data": scene_data(drawing)}
-    if lines:
-        embedded["chart-data"] = chart_data(data, lines, drawing)
-    deviation_rows, deviation_looks = tables.deviation_rows(data)
     verdicts = verdict_counts(data.elements)
     storeys = {floor.id: floor.name or floor.id for floor in (data.a_graph.floors if data.a_graph else ())}
     return TEMPLATES.get_template("report/report.html").render(
         anchored=anchored,
-        embedded=embedded,
         badge=tables.badge(data.metrics | {"anchored": anchored}),
         quality=tables.quality_rows(data.metrics),
         metrics=data.metrics,
@@ -43,24 +37,18 @@ def report_html(data: ReportData) -> str:
         matched_rooms=data.matched_rooms(),
         figures=[] if anchored else list(_hypothesis_figures(data)),
         drawing=drawing,
-        plan=plan_svg(drawing, 'id="plan" class="plan"', '<g id="marker"><polyline/></g>'),
+        plan=plan_svg(drawing, 'id="plan" class="plan"'),
         layers={name: text for name, text in drawing.labels.items() if any(own.layers[name] for own in drawings)},
         with_deviations=any(own.with_deviations for own in drawings),
         bands=band_labels(),
         limits=[*(f"{MINUS}{mm}" for mm in reversed(LIMITS_MM)), *(f"+{mm}" for mm in LIMITS_MM)],
         verdict_labels={verdict: verdict for verdict in VERDICTS},
-        scene_layers=scene_layers(drawing),
         errors=error_chart(data, lines) if lines else "",
         error_lines=lines,
         other_floors=[(other.heading, plan_svg(other)) for other in others],
-        deviations=data.deviations,
-        significant=sum(bool(d["significant"]) for d in data.deviations),
-        deviation_rows=deviation_rows,
-        deviation_looks=deviation_looks,
         summary=tables.summary_rows(data),
         hypotheses=[] if anchored else tables.hypothesis_rows(data.hypotheses, storeys),
         rooms=tables.room_rows(data),
-        stages=tables.stages_and_total(data.metrics),
         about=data.metrics.get("about") or {},
         elements=element_rows(data.elements),
         element_columns=COLUMNS,

@@ -1,7 +1,6 @@
-"""The contents of the plan and the 3D view as plain geometry in one frame.
+"""The contents of the plan as plain geometry in one frame, which `plan_png` and `plan_svg` draw.
 
-Drawn by `plan_png`, `plan_svg` and `scene_3d`. The plan's frame is the BIM frame where there is a BIM, else
-the map frame; metres.
+The plan's frame is the BIM frame where there is a BIM, else the map frame; metres.
 """
 
 from collections.abc import Sequence
@@ -11,11 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from data.scene_graph import WALL_HEIGHT, Floor, Room, SceneGraph, WallSurface
+from data.scene_graph import Room, SceneGraph, WallSurface
 from sgslam.as_built.deviation_bands import band_of, deviation_text
-from sgslam.geometry.frames import transform_points
 from sgslam.report.contents import ReportData, current_storey, placement
-from sgslam.report.drawn_paths import Mark, drawn_paths, subsample, uncertainty_band
+from sgslam.report.drawn_paths import Mark, drawn_paths, uncertainty_band
 from sgslam.report.elements import element_marks, element_name
 
 Array = NDArray[np.float64]
@@ -28,7 +26,6 @@ LABELS = {
     "walls-matched": "mapped wall, matched",
     "walls-unmatched": "mapped wall, not matched",
     "anchors-withdrawn": "planned wall whose anchor was withdrawn",
-    "matches": "match, from mapped to planned wall",
     "rooms-matched": "matched room of the BIM",
     "map-rooms": "room of the map",
     "odometry": "before anchoring (odometry)",
@@ -45,7 +42,7 @@ NOT_ANCHORED = {
 }
 WITHOUT_PLAN = {"walls-unmatched": "mapped wall", "odometry": "odometry", "trajectory": "trajectory"}
 _UNSURE = ("odometry", "lost")  # layers that may stray, and are cut off then
-_NOT_SHOWN_FOR = (*_UNSURE, "elements", "uncertainty", "matches")  # layers that do not widen the view
+_NOT_SHOWN_FOR = (*_UNSURE, "elements", "uncertainty")  # layers that do not widen the view
 
 
 @dataclass(frozen=True)
@@ -65,17 +62,13 @@ class Name:
 class PlanDrawing:
     """One storey.
 
-    `layers` are from bottom to top, with `labels` for the legends; `names` are those of rooms. `keyframes` is (K, 3),
-    `floor_z` the floor's height. `T_plan_map` (4, 4) places the map in the plan.
+    `layers` are from bottom to top, with `labels` for the legends; `names` are those of rooms.
     """
 
     heading: str
     layers: dict[str, list[Mark]]
     names: Sequence[Name] = ()
     labels: dict[str, str] = field(default_factory=dict)
-    keyframes: Array = field(default_factory=lambda: np.empty((0, 3)))
-    floor_z: float = 0.0
-    T_plan_map: Array = field(default_factory=lambda: np.eye(4))
 
     def bounds(self) -> tuple[Array, Array]:
         """The lower left and upper right corners (2,) of the view; paths that stray far away are cut off: the
@@ -92,7 +85,7 @@ class PlanDrawing:
 
     def _points(self, *layers: str) -> Array:
         """(N, 2) all vertices of layers."""
-        marks = [mark.points[:, :2] for layer in layers for mark in self.layers.get(layer, ())]
+        marks = [mark.points for layer in layers for mark in self.layers.get(layer, ())]
         return np.vstack([np.empty((0, 2)), *marks])
 
     def centre(self) -> Array:
@@ -114,49 +107,40 @@ def plan_drawing(data: ReportData) -> PlanDrawing:
     plan = SceneGraph("bim") if data.a_graph is None or not data.placed else data.a_graph  # else it is on no storey
     if floor is not None:
         plan = plan.on_floor(floor.id)
-    floor_z, pairs = _floor_z(data, floor, T_plan_map), data.pairs("rooms")
+    pairs = data.pairs("rooms")
     taken = {a for a, _ in pairs.values()}
-    planned = _planned_walls(data, plan, floor_z)
-    mapped = {own: _mapped_walls(data, T_plan_map, floor_z, own) for own in (True, False)}
+    planned = _planned_walls(data, plan)
+    matched, unmatched = _mapped_walls(data, T_plan_map)
     room_names = {r.id: r.name or r.id for r in (*plan.rooms, *data.s_graph.rooms)}
     places = {r.id: np.array(r.centroid) for r in plan.rooms}
     names = [room_name(room, "bim-walls", -0.25) for room in plan.rooms]
     for room in data.s_graph.rooms:
-        is_matched = room.id in pairs
-        own = room_name(room, "map-rooms", 0.95 if is_matched else 0.35, T_plan_map)
-        place = places.get(pairs[room.id][0]) if is_matched else None
-        names.append(own if place is None else replace(own, place=place))
-    outlined = [room for room in data.s_graph.rooms if room.polygon]
+        own = room_name(room, "map-rooms", 0.95 if room.id in pairs else 0.35, T_plan_map)
+        names.append(replace(own, place=places.get(pairs[room.id][0], own.place)) if room.id in pairs else own)
     layers = {
-        "rooms": room_marks([r for r in plan.rooms if r.id not in taken]),
         "rooms-matched": room_marks([r for r in plan.rooms if r.id in taken]),
         "map-rooms": [
             Mark(_placed_xy(r.polygon, T_plan_map), _pair_title(data, r.id, pairs, room_names), closed=True)
-            for r in outlined
+            for r in data.s_graph.rooms
+            if r.polygon
         ],
         "uncertainty": uncertainty_band(data, T_plan_map),
         "bim-walls": list(planned.values()),
         "elements": element_marks(data.elements, floor) if data.placed else [],
         "anchors-withdrawn": _withdrawn(data, planned),
-        "walls-unmatched": mapped[False],
-        "walls-matched": mapped[True],
-        "matches": _match_lines(data, T_plan_map, plan),
+        "walls-unmatched": unmatched,
+        "walls-matched": matched,
         **drawn_paths(data, T_plan_map),
     }
     labels = LABELS
     if data.T_bim_map is None:
         labels = LABELS | (WITHOUT_PLAN if data.a_graph is None else NOT_ANCHORED)
-    keyframes = np.array([k.pose[:3] for k in data.s_graph.keyframes], dtype=float).reshape(-1, 3)
-    keyframes = transform_points(T_plan_map, keyframes[subsample(len(keyframes))])
-    return PlanDrawing(heading, layers, names, labels, keyframes, floor_z, T_plan_map)
+    return PlanDrawing(heading, layers, names, labels)
 
 
-def wall_mark(wall: WallSurface, title: str, floor_z: float = 0.0, above: float = 0.0) -> Mark:
-    """A wall surface in the frame of its graph; its heights are `above` the graph's z, and unknown ones are guessed."""
-    low, high = (floor_z, floor_z + WALL_HEIGHT)
-    if wall.height is not None:
-        low, high = wall.height[0] + above, wall.height[1] + above
-    return Mark(np.column_stack([np.array(wall.ends()), [low, low]]), title.strip(), top=high)
+def wall_mark(wall: WallSurface, title: str) -> Mark:
+    """A wall surface in the frame of its graph."""
+    return Mark(np.array(wall.ends()), title.strip())
 
 
 def room_marks(rooms: Sequence[Room]) -> list[Mark]:
@@ -174,43 +158,34 @@ def room_name(room: Room, layer: str, rise: float, T_plan: Array | None = None) 
     return Name(text, _placed_xy(room.centroid, T)[0], size, layer, rise)
 
 
-def _planned_walls(data: ReportData, plan: SceneGraph, floor_z: float) -> dict[str, Mark]:
+def _planned_walls(data: ReportData, plan: SceneGraph) -> dict[str, Mark]:
     """The BIM's wall surfaces on the storey, by id."""
     absent = {d["a_id"] for d in data.deviations if d["kind"] == "absent"}
     names = {entry["global_id"]: element_name(entry) for entry in data.elements}
     return {
-        w.id: wall_mark(w, f"{w.id} {names.get(w.source, w.source)}{': not found' if w.id in absent else ''}", floor_z)
+        w.id: wall_mark(w, f"{w.id} {names.get(w.source, w.source)}{': not found' if w.id in absent else ''}")
         for w in plan.wall_surfaces
     }
 
 
-def _mapped_walls(data: ReportData, T_plan_map: Array, floor_z: float, matched: bool) -> list[Mark]:
-    """The map's wall surfaces that are matched, or are not, placed in the plan, with their deviations; significant ones
-    last, on top. Their heights are over their floor."""
+def _mapped_walls(data: ReportData, T_plan_map: Array) -> tuple[list[Mark], list[Mark]]:
+    """The map's wall surfaces that are matched, and those that are not, placed in the plan, with their deviations;
+    significant ones last, on top."""
     pairs = data.pairs("wall_surfaces")
     ranked = sorted(data.deviations, key=lambda d: (bool(d["significant"]), abs(d["offset_m"] or 0.0)))
     found = {d["s_id"]: d for d in ranked if d["s_id"] is not None}  # the largest one of walls in one plane
-    marks = []
+    matched, unmatched = list[Mark](), list[Mark]()
     for w in data.s_graph.wall_surfaces:
-        if (w.id in pairs) is not matched:
-            continue
         title, looks, deviation = _pair_title(data, w.id, pairs), [], found.get(w.id)
         if deviation is not None:
             title += f"\n{deviation_text(deviation)}"
             band = band_of(deviation["offset_m"])
             looks = [*([f"band-{band}"] if band else []), *(["significant"] if deviation["significant"] else [])]
-        mark = wall_mark(w, title, floor_z, floor_z)
-        points = np.column_stack([_placed_xy(mark.points[:, :2], T_plan_map), mark.points[:, 2]])
-        marks.append(replace(mark, points=points, looks=tuple(looks), refers=("wall", w.id)))
-    return sorted(marks, key=lambda mark: "significant" in mark.looks)
-
-
-def _floor_z(data: ReportData, floor: Floor | None, T_plan_map: Array) -> float:
-    """The storey's elevation, else the mapped floor's, else that of the map's origin."""
-    if floor is not None and floor.elevation is not None:
-        return floor.elevation
-    mapped = [f.elevation for f in data.s_graph.floors if f.elevation is not None]
-    return float(T_plan_map[2, 3] + (mapped[0] if mapped else 0.0))
+        mark = Mark(_placed_xy(w.ends(), T_plan_map), title, looks=tuple(looks))
+        (matched if w.id in pairs else unmatched).append(mark)
+    for marks in (matched, unmatched):
+        marks.sort(key=lambda mark: "significant" in mark.looks)
+    return matched, unmatched
 
 
 def _pair_title(
@@ -237,14 +212,4 @@ def _withdrawn(data: ReportData, planned: dict[str, Mark]) -> list[Mark]:
         replace(wall, title=f"{wall.title}\nanchor withdrawn: {why[a_id]}")
         for a_id, wall in planned.items()
         if a_id in why
-    ]
-
-
-def _match_lines(data: ReportData, T_plan_map: Array, plan: SceneGraph) -> list[Mark]:
-    """From the mid point of each matched wall surface to that of the plan's."""
-    ours, planned = data.s_graph.surface_by_id, plan.surface_by_id
-    return [
-        Mark(np.stack([_placed_xy(ours[s_id].centroid, T_plan_map)[0], np.array(planned[a_id].centroid)]))
-        for s_id, (a_id, _) in data.pairs("wall_surfaces").items()
-        if s_id in ours and a_id in planned
     ]

@@ -29,7 +29,6 @@ STYLES: dict[str, dict[str, Any]] = {  # of the layers that are drawn
     "anchors-withdrawn": {"color": "#ec8288", "lw": 7.0},
     "walls-unmatched": {"color": UNMATCHED, "lw": 1.6},
     "walls-matched": {"color": MATCHED, "lw": 1.6},
-    "matches": {"color": MATCHED, "lw": 0.6},
     **PATHS,
 }
 _WIDER = 2.0  # is a significant wall
@@ -96,9 +95,9 @@ def draw_plan(axes: Any, drawing: PlanDrawing) -> None:
                 known["lw"] = [style["lw"] * (_WIDER if "significant" in mark.looks else 1.0) for mark in marks]
             kind = PolyCollection if marks[0].closed else LineCollection
             label = texts[look] if look else drawing.labels[layer]
-            axes.add_collection(kind([mark.points[:, :2] for mark in marks], label=label, **known))
+            axes.add_collection(kind([mark.points for mark in marks], label=label, **known))
     if way := drawing.layers["trajectory"]:
-        start = way[0].points[0, :2]
+        start = way[0].points[0]
         axes.plot(*start, "o", ms=6, color=PATHS["trajectory"]["color"], mec="white", label="start")
 
 

@@ -1,11 +1,8 @@
-// The plan: zooming, moving, switches of its layers, and the walls that tables refer to.
-
-// Whether a wheel event is meant for the drawing under the pointer: not while the page is being scrolled.
-let lastScroll = -Infinity;
-addEventListener("scroll", () => { lastScroll = performance.now(); }, { passive: true });
-const meantForDrawing = (event) => event.ctrlKey || performance.now() - lastScroll > 400;
+// The plan: zooming, moving, switches of its layers.
 
 {
+let lastScroll = -Infinity; // while the page is being scrolled, a wheel event is not meant for the plan
+addEventListener("scroll", () => { lastScroll = performance.now(); }, { passive: true });
 const plan = document.getElementById("plan");
 const view = plan.viewBox.baseVal;
 const home = [view.x, view.y, view.width, view.height];
@@ -18,7 +15,7 @@ const zoomAt = (point, factor) => {
 };
 
 plan.addEventListener("wheel", (event) => {
-  if (!meantForDrawing(event)) return;
+  if (!event.ctrlKey && performance.now() - lastScroll < 400) return;
   event.preventDefault();
   zoomAt([event.clientX, event.clientY], Math.exp(event.deltaY * 0.0015));
 }, { passive: false });
@@ -50,13 +47,5 @@ for (const box of document.querySelectorAll("[data-layer]")) {
     const groups = document.querySelectorAll(".plan .layer-" + box.dataset.layer);
     for (const group of groups) group.style.display = box.checked ? "" : "none";
   });
-}
-
-const walls = new Map([...plan.querySelectorAll("[data-wall]")].map((wall) => [wall.dataset.wall, wall]));
-for (const row of document.querySelectorAll("[data-shows]")) {
-  const wall = walls.get(row.dataset.shows);
-  if (!wall) continue;
-  row.addEventListener("pointerenter", () => wall.classList.add("shown"));
-  row.addEventListener("pointerleave", () => wall.classList.remove("shown"));
 }
 }

@@ -1,17 +1,15 @@
-"""The rows of the report's tables: summary, deviations, matched rooms, hypotheses, seconds."""
+"""The rows of the report's tables: summary, quality, matched rooms, hypotheses, seconds."""
 
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from data.geometry.poses import poses_to_xyzquat
-from sgslam.as_built.deviation_bands import MINUS, degrees, signed_mm
-from sgslam.report.contents import ReportData, entered_unmatched, path_length, split_by_floor
-from sgslam.report.elements import element_name
+from sgslam.as_built.deviation_bands import MINUS
+from sgslam.config import AnchorSettings
+from sgslam.report.contents import ReportData, path_length
 from sgslam.report.number_formats import NOTHING, metres, percent, seconds, signal_texts, thousands
 from sgslam.types import NO_PLAN
 
-LARGEST = 30  # deviations in the table
 _RIVALS = {
     "runner_up": "the next best",
     "mirrored": "that it is mirrored",
@@ -31,9 +29,30 @@ def badge(metrics: dict[str, Any]) -> str:
 def quality_rows(metrics: dict[str, Any]) -> list[tuple[str, str, str, str]]:
     """Phrase, value and limit of each signal of the map's quality, and whether it is within the limit."""
     return [
-        (*signal_texts(name, own), "within" if own["ok"] else "outside its limit")
+        (*signal_texts(name, own), _within(name, metrics) if own["ok"] else "outside its limit")
         for name, own in (metrics.get("quality") or {}).items()
     ]
+
+
+def _within(name: str, metrics: dict[str, Any]) -> str:
+    return ", but ".join(filter(None, ("within", doubt(metrics) if name == "place_probability" else "")))
+
+
+def doubt(metrics: dict[str, Any]) -> str:
+    """What speaks most against the place of an anchored run; empty where it is as probable as a commitment asks for."""
+    place = metrics.get("place")
+    if not metrics.get("anchored") or place is None or place["probability"] >= AnchorSettings().commit:
+        return ""
+    rivals = _rivals(place)
+    most = max(rivals, key=rivals.__getitem__)
+    against = {name: own["nats"] for name, own in place["signals"].items() if (own["nats"] or 0.0) < 0}
+    why = f", by {min(against, key=against.__getitem__).replace('_', ' ')}" if most == "unsound" and against else ""
+    return f"the place is not certain: {_RIVALS[most]} {percent(rivals[most])}{why}"
+
+
+def _rivals(place: Mapping[str, float]) -> dict[str, float]:
+    """The probability of all else than the place that was found, by the names of _RIVALS."""
+    return {name: {**place, "unsound": 1 - place["sound"]}[name] for name in _RIVALS}
 
 
 def run_rows(metrics: dict[str, Any]) -> dict[str, str]:
@@ -43,8 +62,7 @@ def run_rows(metrics: dict[str, Any]) -> dict[str, str]:
     if tracked := metrics.get("tracked"):
         rows["Tracking"] = ", ".join(f"{thousands(count)} {health}" for health, count in tracked.items())
     if place := metrics.get("place"):
-        parts = place | {"unsound": 1 - place["sound"]}
-        others = [f"{_RIVALS[name]} {percent(value)}" for name in _RIVALS if (value := parts[name]) >= 0.0005]
+        others = [f"{_RIVALS[name]} {percent(value)}" for name, value in _rivals(place).items() if value >= 0.0005]
         rows["Probability of the place"] = "; ".join([percent(place["probability"]), *others])
     if signal := (metrics.get("quality") or {}).get("position_sigma_m"):
         whose = "anchored positions" if metrics.get("anchored") else "positions"
@@ -59,7 +77,7 @@ def run_rows(metrics: dict[str, Any]) -> dict[str, str]:
 
 def summary_rows(data: ReportData) -> list[tuple[str, str]]:
     """Name and value of the figures of the whole run: those of `run_rows`, how many scans were lost or are in parts
-    that were not placed, if any, the way, and the pose of the map."""
+    that were not placed, if any, and the way."""
     rows = run_rows(data.metrics)
     if data.scans is not None:
         apart = data.scans.part > 0
@@ -70,12 +88,6 @@ def summary_rows(data: ReportData) -> list[tuple[str, str]]:
             span = f"between {when.min():.1f} and {when.max():.1f} s; they are not drawn"
             rows["Scans in parts not placed"] = f"{thousands(int(apart.sum()))}, {span}"
     rows["Distance travelled"] = f"{path_length(data.trajectory_map.positions):.1f} m"
-    if data.T_bim_map is not None:
-        x, y, z, *quaternion = poses_to_xyzquat(data.T_bim_map)
-        yaw = math.degrees(math.atan2(data.T_bim_map[1, 0], data.T_bim_map[0, 0]))
-        rows["T_bim_map: x, y, z"] = f"{x:.3f}, {y:.3f}, {z:.3f} m"
-        rows["T_bim_map: yaw"] = f"{yaw:.2f}°"
-        rows["T_bim_map: qx, qy, qz, qw"] = ", ".join(f"{q:.6f}" for q in quaternion)
     return list(rows.items())
 
 
@@ -96,55 +108,23 @@ def _accuracy_rows(accuracy: dict[str, Any]) -> dict[str, str]:
     return {name: text for name, text in rows.items() if text != NOTHING}
 
 
-def deviation_rows(data: ReportData) -> tuple[list[Sequence[str]], list[dict[str, str]]]:
-    """The cells of the largest deviations, significant ones first, and the HTML attributes of their rows."""
-    ranked = sorted(data.deviations, key=lambda d: (not d["significant"], -abs(d["offset_m"] or 0.0)))
-    planned = {w.id: w.room for w in data.a_graph.wall_surfaces} if data.a_graph else {}
-    rooms = data.a_graph.room_by_id if data.a_graph else {}
-    names = {entry["global_id"]: element_name(entry) for entry in data.elements}
-    rows: list[Sequence[str]] = []
-    looks = []
-    for d in ranked[:LARGEST]:
-        room = rooms.get(planned.get(d["a_id"]) or "")
-        rows.append(
-            [
-                names.get(d["source"]) or str(d["source"] or d["a_id"] or NOTHING),
-                (room.name or room.id) if room else NOTHING,
-                (signed_mm(d["offset_m"]) if d["kind"] == "moved" else str(d["kind"])) or NOTHING,
-                NOTHING if d["sigma_m"] is None else f"{d['sigma_m'] * 1000:.1f} mm",
-                degrees(d["tilt_rad"]) or NOTHING,
-                "yes" if d["significant"] else "no",
-                str(d.get("reason") or ""),
-            ]
-        )
-        marked = {"class": "marked"} if d["significant"] else {}
-        looks.append({**marked, "data-shows": str(d["s_id"] or "")})
-    return rows, looks
-
-
 def room_rows(data: ReportData) -> list[tuple[str, str, str]]:
-    """Room of the map, room of the BIM and confidence; entered rooms without a match at the end."""
-    pairs = (data.matches or {}).get("rooms") or ()
-    if not pairs:
-        return []
+    """Room of the map, room of the BIM and confidence."""
     ours = data.s_graph.room_by_id
     planned = data.a_graph.room_by_id if data.a_graph else {}
 
     def name(rooms: dict[str, Any], room_id: str) -> str:
         return (rooms[room_id].name or room_id) if room_id in rooms else room_id
 
-    rows = [(name(ours, s), name(planned, a), f"{c:.2f}") for s, a, c in pairs]
-    for part in split_by_floor(data):
-        for s, a in entered_unmatched(part):
-            rows.append((f"none; part of {name(ours, s)}" if s else "none", name(planned, a), "entered, not matched"))
-    return rows
+    pairs = (data.matches or {}).get("rooms") or ()
+    return [(name(ours, s), name(planned, a), f"{c:.2f}") for s, a, c in pairs]
 
 
 def hypothesis_rows(
     hypotheses: Sequence[Mapping[str, Any]], storeys: Mapping[str, str]
-) -> list[tuple[str, str, str, str]]:
-    """Storey, score, pose of the map's origin, number of the plan's rooms that are matched; `storeys` are the names of
-    the plan's by id."""
+) -> list[tuple[str, str, str, str, str]]:
+    """Storey, probability, score, pose of the map's origin, number of the plan's rooms that are matched; `storeys` are
+    the names of the plan's by id."""
     rows = []
     for hypothesis in hypotheses:
         storey = str(hypothesis.get("floor") or "the plan")
@@ -152,8 +132,9 @@ def hypothesis_rows(
         turn = (math.degrees(yaw) + 180) % 360 - 180
         numbers = f"{hypothesis['score']:.1f}", f"{x:.2f}, {y:.2f} m, {turn:.1f}°"
         score, place = (text.replace("-", MINUS) for text in numbers)
-        rooms = {a_id for _, a_id in hypothesis.get("rooms") or ()}
-        rows.append((storeys.get(storey, storey), score, place, str(len(rooms))))
+        rooms, likely = {a_id for _, a_id in hypothesis.get("rooms") or ()}, hypothesis.get("probability")
+        share = NOTHING if likely is None else percent(likely)
+        rows.append((storeys.get(storey, storey), share, score, place, str(len(rooms))))
     return rows
 
 

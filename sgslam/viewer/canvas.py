@@ -6,8 +6,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.viewer.shapes import Mesh
-
 Floats = NDArray[np.float64]
 Colour = tuple[int, int, int]
 
@@ -44,9 +42,9 @@ class Canvas(ABC):
         """Shows segments (N, 2, 3); `width` in pixels."""
         self._show("lines", name, len(ends) > 0, ends, colour, width)
 
-    def mesh(self, name: str, mesh: Mesh, colour: Colour, opacity: float) -> None:
-        """Shows triangles, visible from both sides."""
-        self._show("mesh", name, len(mesh[1]) > 0, *mesh, colour, opacity)
+    def mesh(self, name: str, triangles: Floats, colour: Colour, opacity: float) -> None:
+        """Shows triangles (T, 3, 3), visible from both sides."""
+        self._show("mesh", name, len(triangles) > 0, triangles, colour, opacity)
 
     def points(
         self,
@@ -92,8 +90,8 @@ class Canvas(ABC):
 
     @abstractmethod
     def draw(self, kind: str, name: str, *content: Any) -> None:
-        """Adds or replaces an object: a `frame` (axes), `lines` (ends, colour, width), a `mesh` (vertices, triangles,
-        colour, opacity), `points` (points, colours, size) or a `label` (text, place)."""
+        """Adds or replaces an object: a `frame` (axes), `lines` (ends, colour, width), a `mesh` (triangles, colour,
+        opacity), `points` (points, colours, size) or a `label` (text, place)."""
 
     @abstractmethod
     def move(self, name: str, T: Floats) -> None:

@@ -13,20 +13,16 @@ from data.common.errors import UserError
 from data.geometry.poses import xyzquat_to_poses
 from data.trajectory import Trajectory
 from sgslam.as_built.deviation_bands import band_of
-from sgslam.geometry.frames import inverse
 from sgslam.mapping import KeyframeClouds
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.report import ReportData, RunFolder
 from sgslam.report.error_chart import ErrorLine, error_lines
 from sgslam.session import Snapshot
 from sgslam.session.checkpoints import about_run
-from sgslam.viewer.canvas import rgb
 from sgslam.viewer.page import Page
 from sgslam.viewer.panel import Panel
-from sgslam.viewer.shapes import path_lines
 
 _STEP_S = 0.1  # between two frames of the playback
-_EARLIER = rgb("#a78bfa")
 
 
 class FinishedRun:
@@ -63,14 +59,6 @@ class FinishedRun:
         stamps, begin = self.now.stamps_ns, int(self.trajectory_map.stamps_ns[0])
         back = np.flatnonzero((np.diff(stamps) <= 0) | (stamps[:-1] < begin))
         return int(back[-1]) + 1 if len(back) else 0
-
-    @property
-    def earlier(self) -> list[Trajectory]:
-        """The trajectories of the runs in the prior map, map frame."""
-        T_map_frame = np.eye(4) if self.folder.T_bim_map is None else inverse(self.folder.T_bim_map)
-        count = int(self.folder.metrics.get("runs") or 1) - 1
-        paths = (self.path / f"trajectory_run{number}.tum" for number in range(1, count + 1))
-        return [Trajectory.read_tum(path).transformed(T_map_frame) for path in paths if path.is_file()]
 
     def bands(self) -> dict[str, str]:
         """The deviation band of each mapped wall surface, by its id."""
@@ -125,11 +113,9 @@ class FinishedView:
             self.scene.bands = run.bands()
             self.scene.show_plan(run.now.plan, run.truth if anchored else None)
             self.scene.show(run.now)
-            for number, earlier in enumerate(run.earlier, 1):
-                self.page.lines(f"/map/earlier/run{number}", path_lines(earlier.positions), _EARLIER, 2.0)
             facts = [f"{sum(bool(d['significant']) for d in walls)} walls deviate from the plan"] if anchored else []
-            heading = "Anchored" if anchored else "Not anchored"
-            self.panel.show(run.now, heading, len(run.trajectory_map), facts, run.errors())
+            facts += [line.summary() for line in run.errors()]
+            self.panel.show(run.now, "Anchored" if anchored else "Not anchored", len(run.trajectory_map), facts)
             end = float(np.ptp(run.trajectory_map.stamps_ns)) / 1e9
             self.slider.max, self.slider.step = max(end, 0.1), max(end / 2000, 0.01)
             self.slider.value = end

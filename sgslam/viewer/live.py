@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from data import SceneGraph
 from data.trajectory import Trajectory
-from sgslam.report.error_chart import ErrorLine, error_line
 from sgslam.session import Snapshot
 from sgslam.viewer.finished import FinishedRun, FinishedView
 from sgslam.viewer.page import Page, serve_until_interrupted
@@ -56,20 +55,7 @@ class LiveView:
     def _draw(self, now: Snapshot, T_bim_map: Floats | None, T_map_sensor: Floats, points: Floats) -> None:
         self.panel.scene.show(now, _NEW_CLOUDS)
         self.panel.scene.show_sensor(T_map_sensor, points, T_map_sensor)
-        errors = self._error(now, T_bim_map)
-        heading = self._heading(now, T_bim_map is not None)
-        self.panel.show(now, heading, self._scans, [], [] if errors is None else [errors])
-
-    def _error(self, now: Snapshot, T_bim_map: Floats | None) -> ErrorLine | None:
-        """Of the trajectory through this run's keyframes, aligned until the map is anchored."""
-        if self._truth is None or not len(now.stamps_ns):
-            return None
-        back = np.flatnonzero(np.diff(now.stamps_ns) <= 0)  # after the keyframes of an earlier run
-        own = slice(int(back[-1]) + 1 if len(back) else 0, None)
-        way = Trajectory(now.stamps_ns[own], now.poses[own])
-        way = way if T_bim_map is None else way.transformed(T_bim_map)
-        start = int(way.stamps_ns[0])
-        return error_line("trajectory", "trajectory so far", way, self._truth, start, T_bim_map is None)
+        self.panel.show(now, self._heading(now, T_bim_map is not None), self._scans)
 
     def _heading(self, now: Snapshot, anchored: bool) -> str:
         if now.plan is None:

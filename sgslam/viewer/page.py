@@ -85,9 +85,11 @@ class Page(Canvas):
             ends, colour, width = content
             handle = scene.add_line_segments(name, ends, colour, thickness=width, thickness_units="screen")
         elif kind == "mesh":
-            *shape, colour, opacity = content
+            triangles, colour, opacity = content
+            vertices, faces = triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)
             looks: dict[str, Any] = {"side": "double", "flat_shading": True, "cast_shadow": False}
-            handle = scene.add_mesh_simple(name, *shape, color=colour, opacity=opacity, receive_shadow=False, **looks)
+            looks |= {"color": colour, "opacity": opacity, "receive_shadow": False}
+            handle = scene.add_mesh_simple(name, vertices, faces, **looks)
         elif kind == "points":
             points, colours, size = content
             looks = {"point_shape": "circle", "point_shading": "flat"}

@@ -1,4 +1,4 @@
-"""The page of a run: its scene, and a control panel with status, layers, match hypotheses and the error chart."""
+"""The page of a run: its scene, and a control panel with status, layers and match hypotheses."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -6,8 +6,6 @@ from typing import Any
 import numpy as np
 
 from sgslam.report.contents import DRAWN_HYPOTHESES
-from sgslam.report.drawn_paths import subsample
-from sgslam.report.error_chart import SAMPLES, ErrorLine
 from sgslam.report.tables import hypothesis_rows
 from sgslam.session import Snapshot
 from sgslam.viewer.page import Page
@@ -27,8 +25,6 @@ class Panel:
         self.storey = gui.add_dropdown("storey", [ALL], initial_value=ALL)
         with gui.add_folder("match hypotheses", visible=False) as self._places:
             self._hypotheses = gui.add_markdown("")
-        with gui.add_folder("error against ground truth (m)", visible=False) as self._errors:
-            self.chart: Any = None
         with gui.add_folder("shown", expand_by_default=False):
             for layer, text in LAYERS.items():
                 self._switch(layer, text)
@@ -63,8 +59,8 @@ class Panel:
         middle = (low + high) / 2 + size * np.array([0.2, -0.05, 0.0])
         self._page.set_camera(middle, middle + size * np.array([0.0, -0.5, 0.6]))
 
-    def show(self, now: Snapshot, heading: str, scans: int, facts: Sequence[str], errors: Sequence[ErrorLine]) -> None:
-        """Shows the status, a `heading` and further lines, and the position errors of the trajectories."""
+    def show(self, now: Snapshot, heading: str, scans: int, facts: Sequence[str] = ()) -> None:
+        """Shows the status, a `heading` and further lines."""
         self._now = now
         names = [ALL, *self.scene.storeys.values()]
         if list(self.storey.options) != names:
@@ -73,46 +69,22 @@ class Panel:
             self.storey.value = chosen if chosen in names else ALL
         rooms, walls = (sum(len(getattr(g, kind)) for g in now.graphs) for kind in ("rooms", "wall_surfaces"))
         counts = [f"{scans} scans, {len(now.poses)} keyframes", f"{rooms} rooms, {walls} wall surfaces"]
-        lines = [now.reason, *counts, *facts, *(line.summary() for line in errors)]
+        lines = [now.reason, *counts, *facts]
         _set(self.status, f"**{heading}**\n\n" + "\n\n".join(_plain(line) for line in lines if line))
         ambiguous = bool(now.hypotheses) and now.T_plan_map is None
         if self._places.visible != ambiguous:
             self._places.visible = ambiguous
         if ambiguous:
             _set(self._hypotheses, hypothesis_table(now, self.scene.storeys))
-        if errors:
-            self._draw_errors(errors)
-
-    def _draw_errors(self, lines: Sequence[ErrorLine]) -> None:
-        from viser import uplot
-
-        seconds = lines[-1].seconds[subsample(len(lines[-1].seconds), SAMPLES)]
-        errors = (np.maximum(np.interp(seconds, line.seconds, line.errors), 1e-3) for line in lines)
-        data = (seconds, *errors)
-        if self.chart is not None:
-            self.chart.data = data
-            return
-        self._errors.visible = True
-        series = [uplot.Series(label=line.name, stroke=ROOMS[k], width=2) for k, line in enumerate(lines)]
-        scales = {"x": uplot.Scale(time=False), "y": uplot.Scale(distr=3)}
-        with self._errors:
-            add = self._page.server.gui.add_uplot
-            self.chart = add(data, (uplot.Series(label="seconds"), *series), scales=scales, aspect=1.6)
 
 
 def hypothesis_table(now: Snapshot, storeys: dict[str, str]) -> str:
-    """Markdown table of the match hypotheses: probability among those listed, storey, score and rooms.
-
-    The probability is exp(score) over the sum of all: the scores are log likelihood ratios.
-    """
-    hypotheses = [hypothesis for _, hypothesis in now.hypotheses]
-    scores = np.array([float(h["score"]) for h in hypotheses])
-    shares = np.exp(scores - scores.max())
+    """Markdown table of the match hypotheses: probability, storey, score and rooms."""
     rows = ["| | probability | storey | score | rooms |", "|---|---|---|---|---|"]
-    told = zip(hypothesis_rows(hypotheses, storeys), shares / shares.sum(), strict=True)
-    for number, ((storey, score, _, rooms), share) in enumerate(told):
+    found = hypothesis_rows([hypothesis for _, hypothesis in now.hypotheses], storeys)
+    for number, (storey, probability, score, _, rooms) in enumerate(found):
         dot = f'<span style="color:{ROOMS[number]}">■</span>' if number < DRAWN_HYPOTHESES else ""
-        rows.append(f"| {dot} {number + 1} | {100 * share:.0f} % | {_plain(storey)} | {score} | {rooms} |")
+        rows.append(f"| {dot} {number + 1} | {probability} | {_plain(storey)} | {score} | {rooms} |")
     return "\n".join(rows)
 
 

@@ -41,11 +41,9 @@ class Recording(Canvas):
             ends, colour, _ = content
             self._stream.log(name, rr.LineStrips3D(ends, colors=colour))
         elif kind == "mesh":
-            vertices, triangles, colour, opacity = content
+            triangles, colour, opacity = content
             factor = (*colour, round(255 * opacity))
-            self._stream.log(
-                name, rr.Mesh3D(vertex_positions=vertices, triangle_indices=triangles, albedo_factor=factor)
-            )
+            self._stream.log(name, rr.Mesh3D(vertex_positions=triangles.reshape(-1, 3), albedo_factor=factor))
         elif kind == "points":
             points, colours, size = content
             self._stream.log(name, rr.Points3D(points.astype(np.float32), colors=colours, radii=size / 2))

@@ -16,15 +16,7 @@ from sgslam.report.plan_png import BAND_COLORS, BIM, MATCHED, PATHS, UNMATCHED
 from sgslam.session import Snapshot
 from sgslam.viewer.canvas import Canvas, rgb
 from sgslam.viewer.scans import ScanClouds
-from sgslam.viewer.shapes import (
-    elevation_of,
-    merge_meshes,
-    path_lines,
-    polygon_mesh,
-    quad_mesh,
-    ring_lines,
-    wall_quads,
-)
+from sgslam.viewer.shapes import elevation_of, path_lines, polygon_triangles, quad_triangles, ring_lines, wall_quads
 
 if TYPE_CHECKING:
     from sgslam.slam import SceneGraphSlam
@@ -113,7 +105,7 @@ class RunScene:
             self.page.label(f"{name}/names/{number}", room.name or room.id, place)
 
     def _draw_walls(self, name: str, corners: Floats, colour: str, opacity: float, width: float) -> None:
-        self.page.mesh(name, quad_mesh(corners), rgb(colour), opacity)
+        self.page.mesh(name, quad_triangles(corners), rgb(colour), opacity)
         self.page.lines(f"{name}-feet", corners[:, :2], rgb(colour), width)
 
     def _draw_rooms(
@@ -123,8 +115,9 @@ class RunScene:
         rings = {room.id: np.array(room.polygon) - origin for room in rooms if room.polygon}
         self.page.lines(f"{name}/outlines", ring_lines(rings.values(), z), rgb(colour), 1.0)
         for number, tint in enumerate(ROOMS):
-            own = [polygon_mesh(ring, z + _ABOVE_FLOOR) for room, ring in rings.items() if tints.get(room) == tint]
-            self.page.mesh(f"{name}/areas-{number}", merge_meshes(own), rgb(tint), 0.45)
+            own = [ring for room, ring in rings.items() if tints.get(room) == tint]
+            areas = [np.empty((0, 3, 3)), *(polygon_triangles(ring, z + _ABOVE_FLOOR) for ring in own)]
+            self.page.mesh(f"{name}/areas-{number}", np.concatenate(areas), rgb(tint), 0.45)
 
     def _draw_planned_rooms(self, tints: dict[str, str]) -> None:
         plan = self._plan or SceneGraph("bim")

@@ -10,8 +10,6 @@ from data import SceneGraph, WallSurface
 from data.scene_graph import WALL_HEIGHT
 
 Floats = NDArray[np.float64]
-Mesh = tuple[Floats, NDArray[np.int64]]  # vertices (V, 3), triangles (F, 3)
-NOTHING: Mesh = (np.empty((0, 3)), np.empty((0, 3), dtype=np.int64))
 
 
 def elevation_of(graph: SceneGraph | None, floor: str | None) -> float:
@@ -33,11 +31,9 @@ def wall_quads(surfaces: Sequence[WallSurface], below: float, absolute: bool) ->
     return corners
 
 
-def quad_mesh(corners: Floats) -> Mesh:
-    """The mesh of quadrilaterals (N, 4, 3)."""
-    first = 4 * np.arange(len(corners))[:, None]
-    triangles = np.concatenate([first + np.array(corner) for corner in ((0, 1, 2), (0, 2, 3))])
-    return corners.reshape(-1, 3), triangles
+def quad_triangles(corners: Floats) -> Floats:
+    """(2 N, 3, 3) the triangles of quadrilaterals (N, 4, 3)."""
+    return corners[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3)
 
 
 def ring_lines(rings: Iterable[Any], z: float) -> Floats:
@@ -50,25 +46,14 @@ def ring_lines(rings: Iterable[Any], z: float) -> Floats:
     return np.concatenate([flat, np.full((*flat.shape[:2], 1), z)], axis=2)
 
 
-def polygon_mesh(ring: Any, z: float) -> Mesh:
-    """The mesh of the area within a ring (K, 2) at height `z`; empty for an area of zero."""
+def polygon_triangles(ring: Any, z: float) -> Floats:
+    """(T, 3, 3) the triangles of the area within a ring (K, 2) at height `z`; none for an area of zero."""
     import shapely
 
     area = shapely.make_valid(shapely.Polygon(ring)) if len(ring) > 2 else shapely.Polygon()
     found = shapely.get_parts(shapely.constrained_delaunay_triangles(area))
-    if not len(found):
-        return NOTHING
-    corners = shapely.get_coordinates(found).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)
-    return np.column_stack([corners, np.full(len(corners), z)]), np.arange(len(corners)).reshape(-1, 3)
-
-
-def merge_meshes(meshes: Sequence[Mesh]) -> Mesh:
-    """Merges several meshes into one."""
-    if not meshes:
-        return NOTHING
-    first = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])
-    triangles = [faces + start for (_, faces), start in zip(meshes, first, strict=False)]
-    return np.concatenate([vertices for vertices, _ in meshes]), np.concatenate(triangles)
+    flat = shapely.get_coordinates(found).reshape(-1, 4, 2)[:, :3]
+    return np.concatenate([flat, np.full((len(flat), 3, 1), z)], axis=2)
 
 
 def path_lines(points: Floats) -> Floats:

@@ -32,9 +32,8 @@ _MOST = 2000  # rays of a column; more make it no more certain than the poses ar
 _AT_OTHERS = 0.6  # of the rays that miss the body: those that end at what else is planned
 # m: half the side and step of grids of shifts, one in another
 _GRIDS = ((BUILDING.displaced, 0.05), (0.05, 0.01), (0.012, 0.003))
-_BLURRED = (
-    2 * SENSOR.range_noise
-)  # m, noise with which the coarse grid is searched, so that no shift falls between its places
+# m, noise with which the coarse grid is searched, so that no shift falls between its places
+_BLURRED = 2 * SENSOR.range_noise
 _LEAST_HITS = 10  # rays that end at the body, or pass its place
 _EXPLAINED = 0.5  # of the rays towards a moved column's planned place: those that pass or meet the column itself
 _WIDER = 0.3  # of what is met there: what the body does not explain
@@ -61,12 +60,9 @@ class Passing:
         ends = (self.rays.measured > self.enters) & (self.rays.measured < self.leaves)
         return ends & (np.abs(self.rays.measured - self.others) > 3 * SENSOR.range_noise)
 
-    def ranges(self, body: TriangleScene, shifts: Floats) -> Floats:
-        """(S, N) at which the rays meet the body at each of the shifts (S, 3); inf where they miss it."""
-        count = len(self.rays.view)
-        origins = (self.rays.origin[None] - shifts[:, None]).reshape(-1, 3)
-        directions = np.broadcast_to(self.rays.direction, (len(shifts), count, 3)).reshape(-1, 3)
-        return body.distances(origins, directions).reshape(len(shifts), count)
+    def ranges(self, body: TriangleScene, shift: Floats) -> Floats:
+        """(N,) at which the rays meet the body, shifted by (3,); inf where they miss it."""
+        return body.distances(self.rays.origin - shift, self.rays.direction)
 
     def absent(self) -> float:
         """The log-likelihood of the rays if nothing stands there."""
@@ -77,7 +73,7 @@ class Passing:
         missing = self._missing()
         found = []
         for shift in shifts:
-            met = self.ranges(body, shift[None])[0]
+            met = self.ranges(body, shift)
             hits = met < self.others
             off = self.rays.measured - np.where(hits, met, np.inf)
             else_ = np.where(off < 0, BEFORE, THROUGH) / DEPTH
@@ -129,15 +125,13 @@ def column_finding(index: int, solids: list[PlannedElement], seen: SeenRays, lim
     views, rays = seen.views, seen.near(solids[index].triangles, index)
     body = TriangleScene(solids[index].triangles)
     near = passing(index, solids, rays)
-    at_plan = near.ranges(body, np.zeros((1, 3)))[0]
+    at_plan = near.ranges(body, np.zeros(3))
     aimed = near.shown & (at_plan < near.others)
     if aimed.sum() < _LEAST_HITS:
         return Finding("not seen", "hidden by what is planned around it, or not in view")
     told_by = aimed & (near.rays.measured > at_plan - 3 * SENSOR.range_noise)
-    if not near.shown.any():
-        return Finding("not seen", "no ray reaches it")
     shift, stands, spread = _fit(near, body)
-    met = near.ranges(body, shift[None])[0]
+    met = near.ranges(body, shift)
     visible = near.shown & (met < near.others)
     at = visible & (np.abs(near.rays.measured - met) < 3 * SENSOR.range_noise)
     through = told_by & (near.rays.measured > near.leaves)

@@ -20,7 +20,7 @@ from small_ifc import STOREY, write_small_ifc
 from data import SceneGraph, WallSurface
 from data.common.errors import UserError
 from data.ifc.bcf import Version
-from data.ifc.deviations import ElementFinding, write_as_built
+from data.ifc.deviations import write_as_built
 from data.plans import load_bim
 from sgslam.as_built.elements import ElementVerdict, Verdict
 from sgslam.as_built.elements.files import write_elements
@@ -144,8 +144,7 @@ def test_a_model_of_another_building_is_refused(run: Run, tmp_path: Path) -> Non
 @pytest.mark.skipif(not SHARED_2X3.exists(), reason="the shared data is not there")
 def test_models_of_the_older_schema_too(tmp_path: Path) -> None:
     wall = ifcopenshell.open(str(SHARED_2X3)).by_type("IfcWall")[0]
-    finding = ElementFinding(wall.GlobalId, "moved", (0.1, 0.0, 0.0), 0.01, 0.0, "because")
-    assert write_as_built(SHARED_2X3, [finding], [], tmp_path / "copy.ifc") == 1
+    assert write_as_built(SHARED_2X3, [asdict(verdict(wall.GlobalId, "moved", 0.1))], [], tmp_path / "copy.ifc") == 1
     (told,) = as_built(tmp_path / "copy.ifc", wall.GlobalId)
     assert told["Offset"] == pytest.approx(0.1)
     copy = ifcopenshell.open(str(tmp_path / "copy.ifc"))

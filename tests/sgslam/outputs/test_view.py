@@ -107,17 +107,17 @@ def test_storeys_layers_runs_and_the_lift_are_switched(page: Page, two_storeys: 
     assert "/plan/Ground" in page.names and "/plan/Upper" not in page.names
 
 
-def test_places_that_are_possible_are_listed_with_their_shares(page: Page, two_storeys: Path) -> None:
+def test_places_that_are_possible_are_listed_with_their_probabilities(page: Page, two_storeys: Path) -> None:
     matches = json.loads((two_storeys / "matches.json").read_text())
-    other = dict(matches["hypotheses"][0], score=matches["hypotheses"][0]["score"] - 0.6, floor="upper")
-    matches |= {"status": "ambiguous", "hypotheses": [matches["hypotheses"][0], other]}
+    best, other = dict(matches["hypotheses"][0], probability=0.61), matches["hypotheses"][1]
+    matches |= {"status": "ambiguous", "hypotheses": [best, dict(other, probability=0.3, floor="upper")]}
     metrics = json.loads((two_storeys / "metrics.json").read_text()) | {"T_bim_map": None}
     for name, told in (("matches", matches), ("metrics", metrics)):
         (two_storeys / f"{name}.json").write_text(json.dumps(told))
     run = FinishedRun(two_storeys)
     FinishedView(page, [run])
     table = hypothesis_table(run.now, {matches["floor"]: "Ground", "upper": "Upper"})
-    assert "| 65 % | Ground |" in table and "| 35 % | Upper |" in table  # by exp(0.6) to 1
+    assert "| 61.0 % | Ground |" in table and "| 30.0 % | Upper |" in table
     assert {"/hypotheses/1", "/hypotheses/2"} <= page.names and "/hypotheses/3" not in page.names
 
 

@@ -2,7 +2,8 @@
 
 import json
 import re
-from dataclasses import replace
+from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +13,12 @@ from commands import called
 from methods import as_map, matcher
 from odd_plans import odd_plans
 from plans import a_graph, box, merged, moved, offices
+from report_samples import verdict
 from small_ifc import write_small_ifc
 
 from data import Door, Floor, Room, SceneGraph
 from data.generation.demo_building import write_demo_building
-from data.ifc.deviations import ElementFinding, write_as_built
+from data.ifc.deviations import write_as_built
 from data.plans import load_bim
 from data.plans.elements import other_bodies, planned_elements
 from data.synthetic_maps.exploration import Walk, storeys_of
@@ -25,10 +27,10 @@ from data.synthetic_maps.walks import nearest_first
 from matching import Matcher
 from matching.ambiguity.plan_checks import plan_issues
 from matching.ambiguity.rooms_to_localise import MatchCache, Trials, best_split
-from sgslam.inspection import Inspection, InspectionSettings, inspect
+from sgslam.inspection import Inspection, inspect
 from sgslam.inspection.page import inspection_html
 
-VOTING = InspectionSettings("voting", max_maps=1)
+by_votes = partial(inspect, method="voting", maps=1)
 WING = [box(0, 0, 5, 3), box(5.1, 0, 3, 5), box(0, 3.1, 2, 4)]
 
 
@@ -108,7 +110,7 @@ def test_a_broken_model_is_read_or_refused(kind: str, tmp_path: Path) -> None:
         assert done.stderr.startswith("error: ") and len(done.stderr.splitlines()) == 1, done.stderr
         return
     assert done.returncode == 0, done.stderr
-    finding = ElementFinding(load_bim(ifc).graph.wall_surfaces[0].source, "moved", (0.1, 0.0, 0.0), 0.01, 0.0, "")
+    finding = asdict(verdict(load_bim(ifc).graph.wall_surfaces[0].source, "moved", 0.1))
     assert planned_elements(ifc) and np.isfinite(other_bodies(ifc)).all()
     assert write_as_built(ifc, [finding], [], tmp_path / "as_built.ifc") == 1
 
@@ -119,7 +121,7 @@ def house() -> Inspection:
     both = merged(corridor_house(), a_graph([box(0, 0, 7.3, 4.4), box(7.4, 0, 2.2, 5.7)], "upper", "up"))
     rooms = (*both.rooms, Room("shaft", (50.0, 50.0), "ground", "<b>Shaft</b>"))
     floors = (Floor("ground", "Ground", 0.0), Floor("upper", "Upper", 3.0))
-    return inspect(replace(both, rooms=rooms, floors=floors), settings=VOTING)
+    return by_votes(replace(both, rooms=rooms, floors=floors))
 
 
 def test_trials_depend_on_the_rooms_alone_and_stop_once_the_majority_is_clear() -> None:
@@ -142,10 +144,10 @@ def test_equal_houses_and_storeys_are_never_told_apart() -> None:
     left = a_graph(WING, "ground", "left")
     both = merged(left, moved(a_graph(WING, "ground", "right"), np.pi, 30, 0))
     for plan, outcome in ((both, "never"), (left, "known")):
-        assert {r.to_localise.outcome for r in inspect(plan, settings=VOTING).rooms.values()} == {outcome}
+        assert {r.to_localise.outcome for r in by_votes(plan).rooms.values()} == {outcome}
     stacked = merged(a_graph(WING, "one", "a"), a_graph(WING, "two", "b"))
     floors = (Floor("one", "One", 0.0), Floor("two", "Two", 3.0))
-    found = inspect(replace(stacked, floors=floors), settings=VOTING)
+    found = by_votes(replace(stacked, floors=floors))
     assert {t.floor for t in found.similar_storeys} == {"one", "two"}
     assert all(t.nats < 1e-6 and None not in t.counterparts for t in found.similar_storeys)
     assert "Two, rotated by 0°" in inspection_html(found, "similar")
@@ -168,7 +170,7 @@ def test_maps_of_as_many_rooms_as_are_predicted_are_localised_and_smaller_ones_n
     """Maps of the demo's rooms, drawn anew, in the order in which a robot enters them from each start room."""
     write_demo_building(tmp_path / "demo.ifc")
     graph = load_bim(tmp_path / "demo.ifc").graph
-    found, learned = inspect(graph, settings=InspectionSettings(max_maps=5)).rooms, Matcher.load()
+    found, learned = inspect(graph, maps=5).rooms, Matcher.load()
     agrees: dict[bool, list[bool]] = {True: [], False: []}
     for place, storey in enumerate(storeys_of(graph)):
         for start, room in list(enumerate(storey.rooms))[::4]:
