@@ -1,6 +1,7 @@
 """Matching one floor of the S-graph: what the matcher is asked, and the posterior of the floor's place that follows."""
 
 import logging
+from collections.abc import Collection
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,35 +31,33 @@ class FloorMatching:
     """Asks the matcher about one floor and remembers its answer.
 
     `match` is the newest answer, `scene` the map it is about, `posterior` what follows from it, `rejection` the reason
-    why it was not accepted, empty where the answer says it. Only `storey` is matched where it follows from other
-    floors; `possible_storeys` are those that the heights between the floors allow, all where that list is empty.
+    why it was not accepted, empty where the answer says it.
     """
 
     def __init__(self, plan: Plan, matcher: AnyMatcher, settings: AnchorSettings) -> None:
         self._plan, self._matcher, self._settings = plan, matcher, settings
-        self._stated: str | None = None  # the storey that follows from a statement of the user
-        self.storey: str | None = None
-        self.possible_storeys: list[str] = []
+        self._storeys: Collection[str] = ()
+        self._is_stated = False  # whether the user states the storey
         self.match: MatchResult | None = None
         self.scene: Scene | None = None
         self.posterior = PlacePosterior()
         self.rejection = ""
         self.count = 0
-        self._asked_at = 0  # keyframes of the map that the answer is about
+        self._matched_keyframes = 0  # of the map that the answer is about
 
-    def restrict_storeys(self, storeys: list[str], stated: str | None) -> None:
-        """Sets the storeys that this floor can be, all where the list is empty, and the one that the user states."""
-        self.possible_storeys, self._stated = storeys, stated
+    def restrict_storeys(self, storeys: Collection[str], is_stated: bool) -> None:
+        """Sets the storeys that this floor can be, all where none is given, and whether the user states them."""
+        self._storeys, self._is_stated = storeys, is_stated and bool(storeys)
 
-    def take_over(self, match: MatchResult, scene: Scene, storey: str, probability: float) -> None:
+    def take_over(self, match: MatchResult, scene: Scene, probability: float) -> None:
         """Makes an answer that follows from other floors, with its probability, the newest one."""
-        self.match, self.scene, self.storey, self.rejection = match, scene, storey, ""
+        self.match, self.scene, self.rejection = match, scene, ""
         assert match.T_a_s is not None
-        self.posterior = PlacePosterior((Place(match.T_a_s, storey, probability),))
+        self.posterior = PlacePosterior((Place(match.T_a_s, match.floor, probability),))
 
     def is_due(self, graph: SceneGraph) -> bool:
         """Whether the map is another one than that which was matched."""
-        return len(graph.keyframes) != self._asked_at
+        return len(graph.keyframes) != self._matched_keyframes
 
     def ask(self, scene: Scene, last: bool) -> None:
         """Matches the floor with the plan.
@@ -67,7 +66,7 @@ class FloorMatching:
         it, and the `last` time, for the reason in the report.
         """
         s, image = scene.graph, None
-        self.match, self.scene, self._asked_at = self._matched(s), scene, len(s.keyframes)
+        self.match, self.scene, self._matched_keyframes = self._matched(s), scene, len(s.keyframes)
         self.count += 1
         _log.info("match %d, of %d rooms: %s, %s", self.count, len(s.rooms), self.match.status, self.match.reason)
         self.posterior = self._posterior(self.match, None, s)
@@ -84,7 +83,7 @@ class FloorMatching:
         best = next(iter(self.posterior.places), None)
         if best is None or best.probability < self._settings.commit:
             return False
-        return best.floor == self._stated or self._stated is None
+        return not self._is_stated or best.floor in self._storeys
 
     def placed_at(self, chosen: Place, scene: Scene, walls: WallMap) -> tuple[MatchResult, Floats] | None:
         """The newest answer at a chosen one of its places, with the place (3,), T_local_level, on which its walls agree
@@ -104,10 +103,10 @@ class FloorMatching:
         return match, place
 
     def _matched(self, s: SceneGraph) -> MatchResult:
-        return self._matcher.match(s, self._plan.storey(self.storey))
+        return self._matcher.match(s, self._plan.a_graph)
 
     def _posterior(self, match: MatchResult, image: MatchResult | None, s: SceneGraph) -> PlacePosterior:
-        found = place_posterior(match, image, self._stated, self.possible_storeys)
+        found = place_posterior(match, image, self._storeys)
         if not self._plan.partial or not found.places:
             return found
         best = found.places[0]
@@ -122,13 +121,13 @@ class FloorMatching:
         if posterior.mirrored > max(1 - self._settings.commit, posterior.outside):
             return MIRRORED_REASON
         favoured = match.hypotheses[0].floor
-        if self._stated is not None and favoured != self._stated and match.status != "none":
-            stated = sum(p.probability for p in posterior.places if p.floor == self._stated)
-            names = {floor.id: floor.name for floor in self._plan.a_graph.floors}
-            if stated < self._settings.commit and favoured is not None:
+        if self._is_stated and favoured is not None and favoured not in self._storeys and match.status != "none":
+            stated = sum(p.probability for p in posterior.places if p.floor in self._storeys)
+            if stated < self._settings.commit:
+                names = {floor.id: floor.name for floor in self._plan.a_graph.floors}
                 return STOREY_REASON.format(names.get(favoured) or favoured)
         if match.status != "unique":
             return ""
-        if self.possible_storeys and favoured not in self.possible_storeys:
+        if self._storeys and favoured not in self._storeys:
             return HEIGHT_REASON
         return f"the best place has a probability of {100 * posterior.places[0].probability:.1f} %, which is too little"

@@ -65,24 +65,21 @@ def differ(place: Floats, other: Floats, s: SceneGraph, metres: float = APART[0]
     return bool(off > metres or abs(se2.wrap(place[:1] - other[:1])[0]) > APART[1])
 
 
-def place_posterior(
-    match: MatchResult, image: MatchResult | None, stated: str | None, possible: Collection[str]
-) -> PlacePosterior:  # fmt: skip
+def place_posterior(match: MatchResult, image: MatchResult | None, storeys: Collection[str]) -> PlacePosterior:
     """The posterior by a matcher's answer about one floor, and by that about its mirror `image`, if it was asked.
 
-    `stated` is the storey that the user states, `possible` are those that the heights between the floors allow, all
-    where it is empty. Of a matcher that computes no probabilities, a unique answer is believed.
+    `storeys` are those that the user and the heights between the floors allow, all where it is empty. Of a matcher that
+    computes no probabilities, a unique answer is believed.
     """
     places = [Place(h.T_a_s, h.floor, h.probability or 0.0) for h in _hypotheses(match)]
     none = max(0.0, 1.0 - sum(place.probability for place in places))
-    allowed = {stated} if stated is not None else set(possible)
     mirrored, of_image = 0.0, () if image is None else image.hypotheses
     if places and of_image:
         # one more place, with a prior of its own
         best, unit = max(h.score for h in match.hypotheses), match.temperature
-        likely = (math.exp(min((h.score - best) / unit, 50.0)) * _prior(h.floor, allowed) for h in of_image)
+        likely = (math.exp(min((h.score - best) / unit, 50.0)) * _prior(h.floor, storeys) for h in of_image)
         mirrored = _MIRRORED * places[0].probability * max(likely)
-    places = [replace(p, probability=_prior(p.floor, allowed) * p.probability) for p in places]
+    places = [replace(p, probability=_prior(p.floor, storeys) * p.probability) for p in places]
     total = none + mirrored + sum(place.probability for place in places)
     places = [replace(place, probability=place.probability / max(total, 1e-12)) for place in places]
     return PlacePosterior(tuple(sorted(places, key=lambda p: -p.probability)), mirrored / max(total, 1e-12))
@@ -152,9 +149,8 @@ def _hypotheses(match: MatchResult) -> tuple[Hypothesis, ...]:
     return (Hypothesis(0.0, match.T_a_s, match.floor, probability=1.0),)
 
 
-def _prior(floor: str | None, allowed: Collection[str]) -> float:
-    """Of a storey, if the true one is probably `allowed`; all are where that is empty."""
-    return 1.0 if not allowed or floor in allowed else _MISSTATED
+def _prior(floor: str | None, storeys: Collection[str]) -> float:
+    return 1.0 if not storeys or floor in storeys else _MISSTATED
 
 
 def _differ_for_any(T: Floats, other: Floats, graphs: Mapping[int, SceneGraph]) -> bool:
