@@ -11,7 +11,7 @@ _log = logging.getLogger(__name__)
 
 
 class AnchorStatus(NamedTuple):
-    """The present state of an anchor, what paired wall and surface, and the reason."""
+    """The present state of an anchor, the match that placed the map, and the reason."""
 
     state: State
     by: str
@@ -29,7 +29,7 @@ class AnchorEvent:
 
 @dataclass(frozen=True)
 class AnchorRecord:
-    """A wall anchored to a planned surface; `by` is what paired them: a match or their position."""
+    """A wall anchored to a planned surface; `by` is the match that placed the map."""
 
     wall: int
     a_id: str

@@ -1,7 +1,5 @@
 """The anchors that aligned walls become, and the rooms and room anchors that follow from them."""
 
-from collections.abc import Collection
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,14 +38,11 @@ def matched_rooms(
     return rooms
 
 
-def anchor_statuses(
-    alignment: WallAlignment, scene: Scene, matched: Collection[Key], match_name: str
-) -> dict[Key, AnchorStatus]:
-    """The status of each wall's anchor; pairs in `matched` come from the match `match_name`, others by position."""
+def anchor_statuses(alignment: WallAlignment, scene: Scene, by: str) -> dict[Key, AnchorStatus]:
+    """The status of each wall's anchor; `by` is the match that placed the map."""
     statuses: dict[Key, AnchorStatus] = {}
     for aligned in alignment.walls:
         key = (scene.wall_of_surface[aligned.surface.id], aligned.planned.id)
-        by = match_name if key in matched else "position"
         if aligned.agrees:
             statuses[key] = AnchorStatus("tight", by, f"as planned within {1000 * alignment.gate:.0f} mm")
         else:

@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,6 +24,7 @@ from sgslam.mapping import Anchors, FloorMap, Scene, WallMap
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 _LEAST_SHARE = 0.5  # of the walls, that stand as planned; below, the map is matched again
+_LEAST_AGREEING = 0.3  # of the walls, for the map to be anchored at a place
 _MOVED = 0.15  # m between the back end's place and the one on which most walls agree, which is taken then
 _MIN_WALLS = 4  # walls as planned, for a floor to take over the place of another one
 
@@ -48,12 +49,11 @@ class Cut(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Commitment:
-    """The match that the anchors stand on, its place (3,), T_local_level, yaw x y, its pairs of walls and planned
-    surfaces, and the least confidence of them. `follows`: the place, and the confidence, are those of another floor."""
+    """The match that the anchors stand on, its place (3,), T_local_level, yaw x y, and the least confidence of its
+    pairs of walls. `follows`: the place, and the confidence, are those of another floor."""
 
     match: MatchResult
     place: Floats
-    pairs: frozenset[Key]
     confidence: float
     follows: bool = False
 
@@ -107,11 +107,8 @@ class FloorAnchoring:
         Without anchors, the matcher is asked about each new map, and the `last` time in any case. With
         anchors, walls are aligned by position, and the matcher is asked again only where too few stand as planned.
         """
-        scene, current = cut.scene, cut.walls.current
-        self.log.rename(current)
-        if self.commitment is not None:
-            pairs = frozenset((current(wall), a_id) for wall, a_id in self.commitment.pairs)
-            self.commitment = replace(self.commitment, pairs=pairs)
+        scene = cut.scene
+        self.log.rename(cut.walls.current)
         alignment = self.alignment(cut)
         due = last or self.matching.is_due(scene.graph)
         if due and (alignment is None or alignment.share < _LEAST_SHARE):
@@ -120,9 +117,9 @@ class FloorAnchoring:
             if before is not None and self.commitment is before and alignment is None:
                 self.withdraw(scene, "the walls no longer agree on a place in the plan")
             alignment = self.alignment(cut)
-        if alignment is None or self.commitment is None:
+        if alignment is None:
             return None
-        statuses = anchor_statuses(alignment, scene, self.commitment.pairs, self._match_name)
+        statuses = anchor_statuses(alignment, scene, self._match_name)
         self.log.update(scene.graph.keyframes[-1].stamp_ns, statuses)
         anchors = self._anchors(cut, alignment, statuses)
         self._replaced = False
@@ -143,7 +140,7 @@ class FloorAnchoring:
         yaw, x, y = self._plan.T_a_s(place).tolist()
         reason = "its place follows from the floors above or below"
         match = MatchResult("unique", reason, T_a_s=(yaw, x, y), floor=storey)
-        self.commitment = Commitment(match, place, frozenset(), leading.commitment.confidence, follows=True)
+        self.commitment = Commitment(match, place, leading.commitment.confidence, follows=True)
         if self.aligned_share(cut) < _LEAST_SHARE:
             self.commitment = None
         else:
@@ -165,8 +162,7 @@ class FloorAnchoring:
         """The walls of a floor at planned ones; None where nothing is committed, or they agree on no place."""
         if self.commitment is None:
             return None
-        storey, origin = self._plan.storey(self.storey), self._plan.origin[:2]
-        return align_walls(cut.scene, cut.walls, storey, origin, self._place(cut), self._config.anchors)
+        return self._aligned(cut, self.storey, self._place(cut))
 
     def answer(self, scene: Scene, alignment: WallAlignment | None) -> Mapping[str, Any] | None:
         """The answer in the form of matches.json, by the ids of `scene`.
@@ -200,14 +196,19 @@ class FloorAnchoring:
         assert self.commitment is not None
         return self.commitment.place
 
+    def _aligned(self, cut: Cut, storey: str | None, place: Floats) -> WallAlignment | None:
+        floor, origin = self._plan.storey(storey), self._plan.origin[:2]
+        return align_walls(cut.scene, cut.walls, floor, origin, place, self._config.anchors)
+
     def commitment_at(self, chosen: Place, cut: Cut) -> Commitment | None:
-        """What is committed to at one of the places of the newest answer; None where its walls do not agree there."""
-        placed = self.matching.placed_at(chosen, cut.scene, cut.walls)
-        if placed is None:
+        """What is committed to at one of the places of the newest answer; None where the walls do not agree there."""
+        alignment = self._aligned(cut, chosen.floor, self._plan.in_local(chosen.T_a_s))
+        if alignment is None or alignment.share < _LEAST_AGREEING:
+            self.matching.reject("its walls do not agree on a place")
             return None
-        match, place = placed
-        pairs = frozenset((cut.scene.wall_of_surface[s], a) for s, a, _ in match.wall_surfaces)
-        return Commitment(match, place, pairs, min((c for _, _, c in match.wall_surfaces), default=0.0))
+        match = self.matching.settle(chosen)
+        confidence = min((c for _, _, c in match.wall_surfaces), default=chosen.probability)
+        return Commitment(match, alignment.place, confidence)
 
     def _ask(self, cut: Cut, last: bool) -> None:
         """Asks the matcher and commits to a sure answer.

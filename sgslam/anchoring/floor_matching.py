@@ -2,22 +2,20 @@
 
 import logging
 from collections.abc import Collection
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from data import SceneGraph
 from data.scene_graph.motion import mirrored
 from matching.result import AnyMatcher, MatchResult
 from sgslam.anchoring.free_space_conflict import conflict_share
 from sgslam.anchoring.place_posterior import Place, PlacePosterior, in_known_map, place_posterior
-from sgslam.anchoring.plan import Plan, match_at
+from sgslam.anchoring.plan import Plan
 from sgslam.anchoring.soundness import known_map
-from sgslam.anchoring.wall_alignment import place_from_match
 from sgslam.config import AnchorSettings
-from sgslam.mapping import Scene, WallMap
+from sgslam.mapping import Scene
 
-Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 MIRRORED_REASON = (
     "the mirror image of the map fits the plan better: are the scans mirrored? A sensor that is upside down needs "
@@ -73,9 +71,7 @@ class FloorMatching:
         if last or self.is_sure:
             image = self._matched(mirrored(s))
             self.posterior = self._posterior(self.match, image, s)
-        self.rejection = self._why_not()
-        if self.rejection:
-            _log.info("match %d is rejected: %s", self.count, self.rejection)
+        self.reject(self._why_not())
 
     @property
     def is_sure(self) -> bool:
@@ -85,22 +81,19 @@ class FloorMatching:
             return False
         return not self._is_stated or best.floor in self._storeys
 
-    def placed_at(self, chosen: Place, scene: Scene, walls: WallMap) -> tuple[MatchResult, Floats] | None:
-        """The newest answer at a chosen one of its places, with the place (3,), T_local_level, on which its walls agree
-        there; None if they do not."""
+    def settle(self, chosen: Place) -> MatchResult:
+        """Makes the newest answer unique, at a chosen one of its places; the pairs are those of the best place."""
         assert self.match is not None
-        storey = self._plan.storey(chosen.floor)
-        match = match_at(chosen, self.match, scene.graph, storey, self._settings)
-        by_id, origin = self._plan.a_graph.surface_by_id, self._plan.origin[:2]
-        pairs = [(scene.graph.surface_by_id[s], by_id[a_id]) for s, a_id, _ in match.wall_surfaces]
-        rough = np.array(chosen.T_a_s) - np.array([0.0, *origin])
-        place = place_from_match(pairs, scene, walls, origin, rough, self._settings)
-        if place is None:
-            self.rejection = "its walls do not agree on a place"
-            _log.info("match %d is rejected: %s", self.count, self.rejection)
-            return None
-        self.match = match
-        return match, place
+        is_best = (self.match.T_a_s, self.match.floor) == (chosen.T_a_s, chosen.floor)
+        match = self.match if is_best else replace(self.match, rooms=(), wall_surfaces=())
+        self.match = replace(match, status="unique", T_a_s=chosen.T_a_s, floor=chosen.floor)
+        return self.match
+
+    def reject(self, why: str) -> None:
+        """Rejects the newest answer for a reason, if there is one."""
+        self.rejection = why
+        if why:
+            _log.info("match %d is rejected: %s", self.count, why)
 
     def _matched(self, s: SceneGraph) -> MatchResult:
         return self._matcher.match(s, self._plan.a_graph)

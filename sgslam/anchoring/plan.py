@@ -1,15 +1,9 @@
-"""The plan in which a map is anchored, and where the walls of a map at a place stand in it."""
-
-from dataclasses import replace
+"""The plan in which a map is anchored."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data import LevelSurface, SceneGraph
-from matching.result import MatchResult
-from sgslam.anchoring.place_posterior import Place
-from sgslam.anchoring.wall_association import GATE_ANGLE, WallArrays, associate_walls
-from sgslam.config import AnchorSettings
 
 Floats = NDArray[np.float64]
 
@@ -55,26 +49,6 @@ class Plan:
         """(3,) yaw x y in the BIM frame of a place (3,) in the local frame."""
         return np.asarray(place + np.array([0.0, *self.origin[:2]]))
 
-
-def match_at(place: Place, match: MatchResult, s: SceneGraph, a: SceneGraph, settings: AnchorSettings) -> MatchResult:
-    """The unique answer that the S-graph lies at a `place` among the hypotheses of `match`.
-
-    Where it is not the first of them, walls are paired with those of the storey `a` by position.
-    """
-    own = match.T_a_s == place.T_a_s and match.floor == place.floor
-    walls = match.wall_surfaces if own else _pairs(s, a, np.array(place.T_a_s), place.probability, settings)
-    return replace(
-        match, status="unique", rooms=match.rooms if own else (), wall_surfaces=walls,
-        T_a_s=place.T_a_s, floor=place.floor,
-    )  # fmt: skip
-
-
-def _pairs(
-    s: SceneGraph, a: SceneGraph, T_a_s: Floats, confidence: float, settings: AnchorSettings
-) -> tuple[tuple[str, str, float], ...]:
-    """(S id, A id, confidence) of the wall surfaces at the same position."""
-    seen, planned = list(s.wall_surfaces), list(a.wall_surfaces)
-    s_rooms, a_rooms = ({room.id: k for k, room in enumerate(graph.rooms)} for graph in (s, a))
-    placed = WallArrays.of(seen, s_rooms, np.zeros(2)).moved(T_a_s)
-    at = associate_walls(placed, WallArrays.of(planned, a_rooms, np.zeros(2)), settings.reach, GATE_ANGLE)
-    return tuple((seen[i].id, planned[j].id, confidence) for i, j in enumerate(at.tolist()) if j >= 0)
+    def in_local(self, T_a_s: tuple[float, float, float]) -> Floats:
+        """(3,) the place in the local frame of one in the BIM frame."""
+        return np.asarray(np.array(T_a_s) - np.array([0.0, *self.origin[:2]]))

@@ -7,7 +7,7 @@ import pytest
 from sgslam.anchoring.anchor_log import AnchorLog, AnchorStatus
 
 TIGHT = AnchorStatus("tight", "match 1", "as planned within 30 mm")
-LOOSE = AnchorStatus("loose", "position", "+120 mm off the plan")
+LOOSE = AnchorStatus("loose", "match 3", "+120 mm off the plan")
 
 
 def states(log: AnchorLog) -> dict[tuple[int, str], list[str]]:
@@ -20,7 +20,7 @@ def test_an_anchor_keeps_its_origin_and_all_its_states(caplog: pytest.LogCapture
         log.update(10, {(1, "a"): TIGHT, (2, "b"): LOOSE, (4, "b"): LOOSE})
         log.rename(lambda wall: 2 if wall == 4 else wall)  # joined walls keep one record
         log.update(20, {(1, "a"): TIGHT, (2, "b"): AnchorStatus("tight", "match 2", "closer now")})
-        log.update(30, {(1, "a"): AnchorStatus("loose", "position", "+90 mm off the plan")})
+        log.update(30, {(1, "a"): AnchorStatus("loose", "match 3", "+90 mm off the plan")})
     assert states(log) == {(1, "a"): ["tight", "loose"], (2, "b"): ["loose", "tight", "withdrawn"]}
     assert caplog.text.count("anchor w1 to a, by match 1: tight") == 1
     first = log.records[0]

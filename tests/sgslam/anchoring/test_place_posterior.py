@@ -10,8 +10,7 @@ from data import Floor
 from matching import MatchResult
 from matching.result import Hypothesis
 from sgslam.anchoring.place_posterior import Place, PlacePosterior, in_known_map, joint_posterior, place_posterior
-from sgslam.anchoring.plan import Plan, match_at
-from sgslam.config import AnchorSettings
+from sgslam.anchoring.plan import Plan
 
 Pose = tuple[float, float, float]
 HERE, ASIDE, FAR = (0.0, 5.0, 5.0), (0.0, 5.5, 5.0), (0.0, 50.0, 5.0)
@@ -162,16 +161,6 @@ def test_what_the_best_place_in_a_known_map_gains_the_others_lose() -> None:
         assert sum(known) + found.mirrored + found.outside == pytest.approx(1.0) and found.mirrored == 0.05
         assert known[1] == pytest.approx(3 * known[2]) == pytest.approx(6 * found.outside)
     assert in_map(0.0, 1.0).places[0].probability > 0.99 and in_map(0.0) == PlacePosterior()
-
-
-def test_a_match_at_another_place_has_its_walls_there() -> None:
-    plan = a_graph([box(2, 3, 6, 4), box(47, 3, 6, 4)])
-    match = replace(answer(("eg", 0.6, FAR), ("eg", 0.4, HERE)), wall_surfaces=(("room0/0", "room1/0", 0.6),))
-    best, other = place_posterior(match, None, []).places
-    kept, changed = (match_at(place, match, MAP, plan, AnchorSettings()) for place in (best, other))
-    assert kept.wall_surfaces == match.wall_surfaces and kept.status == "unique"
-    assert {(s, a) for s, a, _ in changed.wall_surfaces} == {(f"room0/{k}", f"room0/{k}") for k in range(4)}
-    assert changed.T_a_s == HERE and {c for _, _, c in changed.wall_surfaces} == {0.4}
 
 
 def test_heights_of_a_plan_are_above_its_lowest_floor() -> None:
