@@ -186,7 +186,7 @@ class BuildingAnchoring:
             confirmed &= own.follows or own.confirm(cut)
         leads = any(own.committed is not None and not own.follows for own in self._of.values())
         for own, cut in cuts:
-            if own.follows and not (leads and own.aligned_share(cut)):
+            if own.follows and (not leads or own.alignment(cut) is None):
                 own.withdraw(cut.scene, "its walls are not where the floors above or below place it")
                 confirmed = False
         return confirmed

@@ -18,6 +18,7 @@ from sgslam.anchoring.place_posterior import Place, differ
 from sgslam.anchoring.plan import Plan
 from sgslam.anchoring.wall_alignment import WallAlignment, align_walls, planar_pose
 from sgslam.config import Config
+from sgslam.config.sensor import SENSOR
 from sgslam.geometry.frames import inverse
 from sgslam.mapping import Anchors, FloorMap, Scene, WallMap
 
@@ -25,8 +26,6 @@ Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 _LEAST_SHARE = 0.5  # of the walls, that stand as planned; below, the map is matched again
 _LEAST_AGREEING = 0.3  # of the walls, for the map to be anchored at a place
-_MOVED = 0.15  # m between the back end's place and the one on which most walls agree, which is taken then
-_MIN_WALLS = 4  # walls as planned, for a floor to take over the place of another one
 
 
 class Cut(NamedTuple):
@@ -141,7 +140,8 @@ class FloorAnchoring:
         reason = "its place follows from the floors above or below"
         match = MatchResult("unique", reason, T_a_s=(yaw, x, y), floor=storey)
         self.commitment = Commitment(match, place, leading.commitment.confidence, follows=True)
-        if self.aligned_share(cut) < _LEAST_SHARE:
+        alignment = self.alignment(cut)
+        if alignment is None or alignment.share < _LEAST_SHARE:
             self.commitment = None
         else:
             self.matching.take_over(match, cut.scene, leading.matching.posterior.two_best[0][0])
@@ -152,11 +152,6 @@ class FloorAnchoring:
             self.commitment = None
             self.log.update(scene.graph.keyframes[-1].stamp_ns, {}, why)
             _log.warning("the match behind the anchors is withdrawn: %s", why)
-
-    def aligned_share(self, cut: Cut) -> float:
-        """The share of the walls that stand as planned; 0 where too few do, or they agree on no place."""
-        alignment = self.alignment(cut)
-        return 0.0 if alignment is None or sum(w.agrees for w in alignment.walls) < _MIN_WALLS else alignment.share
 
     def alignment(self, cut: Cut) -> WallAlignment | None:
         """The walls of a floor at planned ones; None where nothing is committed, or they agree on no place."""
@@ -243,7 +238,7 @@ class FloorAnchoring:
         if (
             T is None
             or self._replaced
-            or differ(alignment.place, planar_pose(T), cut.scene.graph, _MOVED)
+            or differ(alignment.place, planar_pose(T), cut.scene.graph, SENSOR.apart)
             or (heights is not None and abs(float(T[2, 3]) - heights.raised) > ALIKE)
         ):
             T_map_local = inverse(T_local_level @ T_level_map)

@@ -15,7 +15,6 @@ from sgslam.mapping import Scene, WallMap
 
 Floats = NDArray[np.float64]
 Index = NDArray[np.int64]
-_BESIDE = 0.2  # m, penalty of a planned wall that does not overlap the mapped one at all
 _LEAST_OVERLAP = 0.3  # of the shorter wall with the other, and of the mapped wall with all planned walls in one plane
 
 
@@ -96,7 +95,8 @@ def associate_walls(seen: WallArrays, planned: WallArrays, reach: float) -> Inde
     """(N,) the planned wall that each mapped one, already placed in the plan, stands at; -1 for none.
 
     Candidates face the same way, lie within `reach` metres across, and overlap a good part of the shorter wall. The
-    nearest is taken. A mapped wall off the plane is not associated with a short stub of the plan.
+    nearest is taken, where what does not overlap is farther by up to the reach. A mapped wall off the plane is not
+    associated with a short stub of the plan.
     """
     if not len(seen.half) or not len(planned.half):
         return np.full(len(seen.half), -1, dtype=np.int64)
@@ -110,7 +110,7 @@ def associate_walls(seen: WallArrays, planned: WallArrays, reach: float) -> Inde
     explained = np.where(facing, overlap, 0.0) @ _in_one_plane(planned) / (2 * seen.half[:, None])
     possible = facing & (off < reach) & (overlap > _LEAST_OVERLAP * shorter)
     possible &= (off < BUILDING.thinnest_wall) | (explained > _LEAST_OVERLAP)
-    cost = np.where(possible, off + _BESIDE * (1 - overlap / shorter), np.inf)
+    cost = np.where(possible, off + reach * (1 - overlap / shorter), np.inf)
     best = cost.argmin(axis=1)
     return np.where(possible[np.arange(len(best)), best], best, -1)
 
