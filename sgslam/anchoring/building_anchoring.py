@@ -74,7 +74,7 @@ class BuildingAnchoring:
     @property
     def _first(self) -> FloorAnchoring | None:
         """The floor that the others follow, or the first one that was matched."""
-        return self.committed or next((own for own in self._of.values() if own.match is not None), None)
+        return self.committed or next((self.of(number) for number in self.newest_matches), None)
 
     @property
     def posterior(self) -> PlacePosterior:
@@ -84,7 +84,7 @@ class BuildingAnchoring:
     @property
     def newest_matches(self) -> dict[int, MatchResult]:
         """The newest answer of the matcher for each floor that was matched."""
-        return {number: own.match for number, own in self._of.items() if own.match is not None}
+        return {number: own.matching.match for number, own in self._of.items() if own.matching.match is not None}
 
     @property
     def records(self) -> tuple[AnchorRecord, ...]:
@@ -96,7 +96,7 @@ class BuildingAnchoring:
         """One line: why the map is anchored, or why it is not."""
         if self._first is None:
             return "too little was seen to try a match"
-        return self._first.reason if self._first.committed is None else self._first.committed.reason
+        return self._first.matching.reason if self._first.committed is None else self._first.committed.reason
 
     def update(self, floors: Floors, T_map_local: Floats | None, last: bool) -> Anchors | None:
         """Returns the anchors of all floors that hold now; see `FloorAnchoring.update`.
@@ -115,7 +115,7 @@ class BuildingAnchoring:
             own = self.of(cut.floor.number)
             if base is None or own.committed is not None or heights_slipped:
                 anchors = own.update(cut, last)
-                if base is not None and heights_slipped and self._is_displaced(own, base, cut):
+                if heights_slipped and _are_apart(own, base, cut):
                     own.withdraw(cut.scene, "the floors above or below are elsewhere")
                 elif anchors is not None:
                     found.append(anchors)
@@ -141,18 +141,18 @@ class BuildingAnchoring:
     def _match_jointly(self, cuts: list[Cut]) -> None:
         """Commits to the place that all floors together make sure, on the floor with most evidence for it; the others
         follow it."""
-        matches = self.newest_matches
-        matched = {cut.floor.number: cut for cut in cuts if cut.floor.number in matches}
+        matched = {cut.floor.number: cut for cut in cuts if cut.floor.number in self.newest_matches}
         if not self._possible or len(matched) < 2:
             return
         graphs = {number: cut.scene.graph for number, cut in matched.items()}
-        assigned, posterior = joint_posterior({k: matches[k] for k in matched}, graphs, self._possible)
+        known = {number: self.of(number).matching.posterior for number in matched}
+        assigned, posterior = joint_posterior(known, graphs, self._possible)
         if not posterior.places or posterior.places[0].probability < self._config.anchors.commit:
             return
         best, self._joint = posterior.places[0], assigned
         _log.info("storeys by all floors together: %s", assigned)
         T_a_s = np.array(best.T_a_s)
-        number = max(matched, key=lambda k: self.of(k).matching.posterior.at(T_a_s, assigned[k], graphs[k]))
+        number = max(matched, key=lambda k: known[k].at(T_a_s, assigned[k], graphs[k]))
         own = self.of(number)
         own.commitment = own.commitment_at(replace(best, floor=assigned[number]), matched[number])
 
@@ -168,12 +168,6 @@ class BuildingAnchoring:
                 own.withdraw(cut.scene, "the floors above or below are elsewhere")
             if own.committed is None and expected is not None:
                 own.follow(expected, cut, base)
-
-    @staticmethod
-    def _is_displaced(own: FloorAnchoring, base: FloorAnchoring, cut: Cut) -> bool:
-        """Whether a floor has an answer whose place in plan view is not that of the floor `base`."""
-        one, other = own.commitment, base.commitment
-        return one is not None and other is not None and differ(one.place, other.place, cut.scene.graph)
 
     def confirm(self, floors: Floors, T_map_local: Floats | None) -> bool:
         """Matches the final map; returns whether all floors keep their commitment. See `FloorAnchoring.confirm`.
@@ -219,6 +213,12 @@ class BuildingAnchoring:
             "wall_surfaces": [pair for a in placed.values() for pair in a["wall_surfaces"]],
             "floors": {f"floor-{n}": placed[n].get("floor") for n in sorted(placed)},
         }
+
+
+def _are_apart(own: FloorAnchoring, base: FloorAnchoring | None, cut: Cut) -> bool:
+    """Whether a floor has another place in plan view than the floor `base`."""
+    one, other = own.commitment, None if base is None else base.commitment
+    return one is not None and other is not None and differ(one.place, other.place, cut.scene.graph)
 
 
 def _cuts(floors: Floors, T_map_local: Floats | None) -> list[Cut]:

@@ -48,12 +48,13 @@ class Cut(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Commitment:
-    """The match that the anchors stand on, its place (3,), T_local_level, yaw x y, and the least confidence of its
-    pairs of walls. `follows`: the place, and the confidence, are those of another floor."""
+    """The match that the anchors stand on, its place (3,), T_local_level, yaw x y, the least confidence of its pairs of
+    walls, and its name in the log. `follows`: the place, the confidence and the name are those of another floor."""
 
     match: MatchResult
     place: Floats
     confidence: float
+    name: str
     follows: bool = False
 
 
@@ -71,11 +72,6 @@ class FloorAnchoring:
         self._replaced = False  # the back end's estimate is still that of a match that was withdrawn
 
     @property
-    def match(self) -> MatchResult | None:
-        """The newest answer of the matcher; None before the first."""
-        return self.matching.match
-
-    @property
     def committed(self) -> MatchResult | None:
         """The answer that the anchors stand on; None where there is none."""
         return None if self.commitment is None else self.commitment.match
@@ -91,14 +87,9 @@ class FloorAnchoring:
         return self.commitment is not None and self.commitment.follows
 
     @property
-    def reason(self) -> str:
-        """Why the newest answer is accepted, or why it is not; empty before the first."""
-        return self.matching.rejection or ("" if self.match is None else self.match.reason)
-
-    @property
     def height(self) -> float:
         """Height (m) of the committed storey's floor in the local frame; 0 where it is not known."""
-        return self._plan.height(self.storey) or 0.0
+        return self._plan.height(self.storey)
 
     def update(self, cut: Cut, last: bool) -> Anchors | None:
         """Returns the anchors that hold now; None where there are none.
@@ -116,11 +107,11 @@ class FloorAnchoring:
             if before is not None and self.commitment is before and alignment is None:
                 self.withdraw(scene, "the walls no longer agree on a place in the plan")
             alignment = self.alignment(cut)
-        if alignment is None:
+        if alignment is None or self.commitment is None:
             return None
-        statuses = anchor_statuses(alignment, scene, self._match_name)
+        statuses = anchor_statuses(alignment, scene, self.commitment.name)
         self.log.update(scene.graph.keyframes[-1].stamp_ns, statuses)
-        anchors = self._anchors(cut, alignment, statuses)
+        anchors = self._anchors(cut, alignment, statuses, self.commitment.name)
         self._replaced = False
         return anchors
 
@@ -133,13 +124,14 @@ class FloorAnchoring:
 
     def follow(self, storey: str, cut: Cut, leading: "FloorAnchoring") -> None:
         """Takes over the place of the `leading` floor on a storey, if the walls agree with it."""
-        if leading.commitment is None or cut.T_local_level is None:
+        base = leading.commitment
+        if base is None or cut.T_local_level is None:
             return
         place = planar_pose(cut.T_local_level)
         yaw, x, y = self._plan.T_a_s(place).tolist()
         reason = "its place follows from the floors above or below"
         match = MatchResult("unique", reason, T_a_s=(yaw, x, y), floor=storey)
-        self.commitment = Commitment(match, place, leading.commitment.confidence, follows=True)
+        self.commitment = Commitment(match, place, base.confidence, base.name, follows=True)
         alignment = self.alignment(cut)
         if alignment is None or alignment.share < _LEAST_SHARE:
             self.commitment = None
@@ -166,9 +158,9 @@ class FloorAnchoring:
         those that they add.
         """
         if self.commitment is None or alignment is None:
-            return None if self.match is None else self.match.to_dict()
+            return None if self.matching.match is None else self.matching.match.to_dict()
         match, least = self.commitment.match, self.commitment.confidence
-        about_scene = match is self.match and self.matching.scene is scene
+        about_scene = match is self.matching.match and self.matching.scene is scene
         given = {s: (a, c) for s, a, c in match.wall_surfaces} if about_scene else {}
         surfaces = []
         for aligned in alignment.walls:
@@ -178,10 +170,6 @@ class FloorAnchoring:
                 surfaces.append([aligned.surface.id, aligned.planned.id, confidence])
         rooms = matched_rooms(alignment.walls, match.rooms if about_scene else (), least)
         return {**match.to_dict(), "rooms": rooms, "wall_surfaces": surfaces}
-
-    @property
-    def _match_name(self) -> str:
-        return f"match {self.matching.count}"
 
     def _place(self, cut: Cut) -> Floats:
         """(3,) T_local_level by the back end's estimate where it is valid, else that of the match."""
@@ -203,7 +191,7 @@ class FloorAnchoring:
             return None
         match = self.matching.settle(chosen)
         confidence = min((c for _, _, c in match.wall_surfaces), default=chosen.probability)
-        return Commitment(match, alignment.place, confidence)
+        return Commitment(match, alignment.place, confidence, f"match {self.matching.count}")
 
     def _ask(self, cut: Cut, last: bool) -> None:
         """Asks the matcher and commits to a sure answer.
@@ -221,13 +209,13 @@ class FloorAnchoring:
             if before.follows and (elsewhere or found is None):
                 return
             if elsewhere:
-                self.withdraw(cut.scene, f"{self._match_name} places the map elsewhere")
+                self.withdraw(cut.scene, f"match {matching.count} places the map elsewhere")
                 self._replaced = True
             elif found is None and probability < self._config.anchors.withdraw:
-                self.withdraw(cut.scene, self.reason)
+                self.withdraw(cut.scene, matching.reason)
         self.commitment = found or self.commitment
 
-    def _anchors(self, cut: Cut, alignment: WallAlignment, statuses: dict[Key, AnchorStatus]) -> Anchors:
+    def _anchors(self, cut: Cut, alignment: WallAlignment, statuses: dict[Key, AnchorStatus], by: str) -> Anchors:
         """The anchors, at the back end's place unless that has moved off the one of walls and levels."""
         settings, origin, T_level_map = self._config.anchors, self._plan.origin, cut.walls.T_level_map
         T_bim_level = se2.to_se3(self._plan.T_a_s(alignment.place))
@@ -245,4 +233,4 @@ class FloorAnchoring:
         assert T_map_local is not None
         planes = planned_walls(alignment, cut.scene, statuses, T_local_level, origin) if settings.planes else {}
         rooms = room_anchors(alignment, cut.scene, origin, self.height) if settings.rooms else {}
-        return Anchors(T_map_local, planes, rooms, {} if heights is None else heights.planned, self._match_name)
+        return Anchors(T_map_local, planes, rooms, {} if heights is None else heights.planned, by)

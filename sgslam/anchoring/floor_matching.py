@@ -28,8 +28,8 @@ HEIGHT_REASON = "the height between the floors rules out its storey"
 class FloorMatching:
     """Asks the matcher about one floor and remembers its answer.
 
-    `match` is the newest answer, `scene` the map it is about, `posterior` what follows from it, `rejection` the reason
-    why it was not accepted, empty where the answer says it.
+    `match` is the newest answer, `scene` the map it is about, `posterior` what follows from it, and `reason` why it is
+    accepted, or why it is not; empty before the first. `count` is the number of answers.
     """
 
     def __init__(self, plan: Plan, matcher: AnyMatcher, settings: AnchorSettings) -> None:
@@ -39,9 +39,8 @@ class FloorMatching:
         self.match: MatchResult | None = None
         self.scene: Scene | None = None
         self.posterior = PlacePosterior()
-        self.rejection = ""
+        self.reason = ""
         self.count = 0
-        self._matched_keyframes = 0  # of the map that the answer is about
 
     def restrict_storeys(self, storeys: Collection[str], is_stated: bool) -> None:
         """Sets the storeys that this floor can be, all where none is given, and whether the user states them."""
@@ -49,13 +48,13 @@ class FloorMatching:
 
     def take_over(self, match: MatchResult, scene: Scene, probability: float) -> None:
         """Makes an answer that follows from other floors, with its probability, the newest one."""
-        self.match, self.scene, self.rejection = match, scene, ""
+        self.match, self.scene, self.reason = match, scene, match.reason
         assert match.T_a_s is not None
         self.posterior = PlacePosterior((Place(match.T_a_s, match.floor, probability),))
 
     def is_due(self, graph: SceneGraph) -> bool:
         """Whether the map is another one than that which was matched."""
-        return len(graph.keyframes) != self._matched_keyframes
+        return self.scene is None or len(graph.keyframes) != len(self.scene.graph.keyframes)
 
     def ask(self, scene: Scene, last: bool) -> None:
         """Matches the floor with the plan.
@@ -63,23 +62,22 @@ class FloorMatching:
         The mirror image is matched too where it could change what is decided: where the answer would be sure without
         it, and the `last` time, for the reason in the report.
         """
-        s, image = scene.graph, None
-        self.match, self.scene, self._matched_keyframes = self._matched(s), scene, len(s.keyframes)
+        s = scene.graph
+        self.match, self.scene = self._matched(s), scene
         self.count += 1
         _log.info("match %d, of %d rooms: %s, %s", self.count, len(s.rooms), self.match.status, self.match.reason)
         self.posterior = self._posterior(self.match, None, s)
         if last or self.is_sure:
-            image = self._matched(mirrored(s))
-            self.posterior = self._posterior(self.match, image, s)
-        self.reject(self._why_not())
+            self.posterior = self._posterior(self.match, self._matched(mirrored(s)), s)
+        self.reason = self.match.reason
+        if why := self._why_not(self.match):
+            self.reject(why)
 
     @property
     def is_sure(self) -> bool:
         """Whether the best place may be committed to; a storey that the user excludes is never taken."""
-        best = next(iter(self.posterior.places), None)
-        if best is None or best.probability < self._settings.commit:
-            return False
-        return not self._is_stated or best.floor in self._storeys
+        probability, storey = self.posterior.two_best[0]
+        return probability >= self._settings.commit and (not self._is_stated or storey in self._storeys)
 
     def settle(self, chosen: Place) -> MatchResult:
         """Makes the newest answer unique, at a chosen one of its places; the pairs are those of the best place."""
@@ -90,10 +88,9 @@ class FloorMatching:
         return self.match
 
     def reject(self, why: str) -> None:
-        """Rejects the newest answer for a reason, if there is one."""
-        self.rejection = why
-        if why:
-            _log.info("match %d is rejected: %s", self.count, why)
+        """Rejects the newest answer."""
+        self.reason = why
+        _log.info("match %d is rejected: %s", self.count, why)
 
     def _matched(self, s: SceneGraph) -> MatchResult:
         return self._matcher.match(s, self._plan.a_graph)
@@ -106,10 +103,10 @@ class FloorMatching:
         conflict = conflict_share(s, self._plan.storey(best.floor), np.array(best.T_a_s))
         return in_known_map(found, conflict, known_map())
 
-    def _why_not(self) -> str:
+    def _why_not(self, match: MatchResult) -> str:
         """Why an answer that is unique for the matcher is not sure; empty where its own reason says it."""
-        posterior, match = self.posterior, self.match
-        if self.is_sure or match is None or not match.hypotheses:
+        posterior = self.posterior
+        if self.is_sure or not match.hypotheses:
             return ""
         if posterior.mirrored > max(1 - self._settings.commit, posterior.outside):
             return MIRRORED_REASON

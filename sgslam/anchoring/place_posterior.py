@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from data import SceneGraph
 from data.geometry import se2
-from matching.result import Hypothesis, MatchResult
+from matching.result import MatchResult
 from sgslam.anchoring.storey_hypotheses import Assignment
 
 Floats = NDArray[np.float64]
@@ -71,7 +71,9 @@ def place_posterior(match: MatchResult, image: MatchResult | None, storeys: Coll
     `storeys` are those that the user and the heights between the floors allow, all where it is empty. Of a matcher that
     computes no probabilities, a unique answer is believed.
     """
-    places = [Place(h.T_a_s, h.floor, h.probability or 0.0) for h in _hypotheses(match)]
+    places = [Place(h.T_a_s, h.floor, h.probability) for h in match.hypotheses if h.probability is not None]
+    if not places and match.status == "unique" and match.T_a_s is not None:
+        places = [Place(match.T_a_s, match.floor, 1.0)]
     none = max(0.0, 1.0 - sum(place.probability for place in places))
     mirrored, of_image = 0.0, () if image is None else image.hypotheses
     if places and of_image:
@@ -109,49 +111,31 @@ def lead(probabilities: Sequence[float]) -> float:
 
 
 def joint_posterior(
-    matches: Mapping[int, MatchResult], graphs: Mapping[int, SceneGraph], possible: list[Assignment]
-) -> tuple[Assignment, PlacePosterior]:  # fmt: skip
-    """The posterior by the answers about several floors of one map, which are at one place in plan view.
+    known: Mapping[int, PlacePosterior], graphs: Mapping[int, SceneGraph], possible: list[Assignment]
+) -> tuple[Assignment, PlacePosterior]:
+    """The posterior by what is `known` of several floors of one map, which are at one place in plan view.
 
     The storeys of the floors are one of the `possible` assignments; returned is that of the best place, and the places
     of the first floor. Floors whose graph does not show where it is leave it to the others.
     """
-    known = {k: _hypotheses(match) for k, match in matches.items()}
-    in_plan = {k: sum(h.probability or 0.0 for h in hypotheses) for k, hypotheses in known.items()}
-    found: list[tuple[Assignment, Floats, float]] = []
+    in_plan = {k: sum(place.probability for place in own.places) for k, own in known.items()}
+    unlisted = {k: _UNLISTED * share + (1 - share) for k, share in in_plan.items()}
+    found: list[tuple[float, Assignment, Place]] = []
     for assigned in possible:
-        own = {k: [h for h in known[k] if h.floor == assigned.get(k)] for k in known}
-        for T in (np.array(h.T_a_s) for hypotheses in own.values() for h in hypotheses):
-            if any(a == assigned and not _differ_for_any(T, other, graphs) for a, other, _ in found):
-                continue
-            weight = 1.0
-            for k, hypotheses in own.items():
-                near = [h.probability or 0.0 for h in hypotheses if not differ(T, np.array(h.T_a_s), graphs[k])]
-                weight *= sum(near) or _UNLISTED * in_plan[k] + (1 - in_plan[k])
-            found.append((assigned, T, weight))
+        distinct: list[Floats] = []
+        for place in (p for k, own in known.items() for p in own.places if p.floor == assigned.get(k)):
+            T = np.array(place.T_a_s)
+            if all(any(differ(T, other, graph) for graph in graphs.values()) for other in distinct):
+                distinct.append(T)
+                weight = math.prod(own.at(T, assigned.get(k), graphs[k]) or unlisted[k] for k, own in known.items())
+                found.append((weight, assigned, place))
     if not found:
         return {}, PlacePosterior()
-    found.sort(key=lambda place: -place[2])
-    total, some = sum(weight for _, _, weight in found), max(in_plan.values())
-    first = min(matches)
-    places = tuple(
-        Place((float(T[0]), float(T[1]), float(T[2])), a.get(first), some * weight / total) for a, T, weight in found
-    )
-    return found[0][0], PlacePosterior(places)
-
-
-def _hypotheses(match: MatchResult) -> tuple[Hypothesis, ...]:
-    """The hypotheses of an answer with their probabilities; its place alone, if it has none with a probability."""
-    if any(h.probability is not None for h in match.hypotheses):
-        return match.hypotheses
-    if match.status != "unique" or match.T_a_s is None:
-        return ()
-    return (Hypothesis(0.0, match.T_a_s, match.floor, probability=1.0),)
+    found.sort(key=lambda one: -one[0])
+    share, first = max(in_plan.values()) / sum(weight for weight, _, _ in found), min(known)
+    places = (Place(place.T_a_s, assigned.get(first), share * weight) for weight, assigned, place in found)
+    return found[0][1], PlacePosterior(tuple(places))
 
 
 def _prior(floor: str | None, storeys: Collection[str]) -> float:
     return 1.0 if not storeys or floor in storeys else _MISSTATED
-
-
-def _differ_for_any(T: Floats, other: Floats, graphs: Mapping[int, SceneGraph]) -> bool:
-    return any(differ(T, other, graph) for graph in graphs.values())

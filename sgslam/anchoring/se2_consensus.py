@@ -6,6 +6,7 @@ mode of what the walls suggest, not their mean: a third or even half of them may
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,8 +55,7 @@ class Pairs:
         return np.asarray(np.sqrt(np.minimum(total, 6.0) / np.maximum(total, 1e-9) ** 2)[self.unit] * self.length)
 
 
-@dataclass(frozen=True)
-class Consensus:
+class Consensus(NamedTuple):
     """The place `T_plan_map` (3,), yaw x y; `agree` (N,) flags walls within `gate` (m), with `share` of the votes."""
 
     T_plan_map: Floats
@@ -75,7 +75,9 @@ def find_consensus(pairs: Pairs, T_plan_map: Floats) -> Consensus | None:
     if not len(votes):
         return None
     start[0] -= _weighted_median(pairs.turns(T_plan_map), votes)
-    found = [_refined(pairs, votes, place) for place in _places(pairs, votes, start)]
+    middle, scales = np.average(pairs.seen, axis=0, weights=votes), np.repeat(_SCALES, 4)
+    walls = pairs.seen, pairs.planned, pairs.planned_normal
+    found = [_refined(*walls, votes, middle, place, scales) for place in _places(pairs, votes, start)]
     if not found:
         return None
     best = max(found, key=lambda T: _support(pairs, votes, T[None], _SCALES[-1])[0])
@@ -126,16 +128,11 @@ def _support(pairs: Pairs, votes: Floats, places: Floats, scale: float) -> Float
     return np.asarray((votes * scale**2 / (scale**2 + pairs.offsets(places) ** 2)).sum(axis=1))
 
 
-def _refined(pairs: Pairs, votes: Floats, place: Floats) -> Floats:
-    middle = np.average(pairs.seen, axis=0, weights=votes)
-    return _stepped(pairs.seen, pairs.planned, pairs.planned_normal, votes, middle, place, np.repeat(_SCALES, 4))
-
-
 @compiled
-def _stepped(
+def _refined(
     seen: Floats, planned: Floats, planned_normal: Floats, votes: Floats, middle: Floats, place: Floats, scales: Floats
 ) -> Floats:
-    """One step of reweighted least squares for each scale; rotations are about the `middle` (2,)."""
+    """A place after a step of reweighted least squares for each scale; rotations are about the `middle` (2,)."""
     yaw, x, y = place
     J = np.empty(3)
     for scale in scales:

@@ -83,12 +83,12 @@ def align_walls(
         found = find_consensus(pairs, place)
         if found is None:
             return None
-        place = found.T_plan_map
-    each = zip(i.tolist(), j.tolist(), pairs.offsets(place).tolist(), found.agree.tolist(), strict=True)
+        place, agree, gate, share = found
+    each = zip(i.tolist(), j.tolist(), pairs.offsets(place).tolist(), agree.tolist(), strict=True)
     aligned = [AlignedWall(seen[m], planned[n], offset, agrees) for m, n, offset, agrees in each]
     # a wall that stands nowhere in the plan counts against the place, like one that is off
     length = float(s.half[i].sum() / s.half.sum())
-    return WallAlignment(aligned, place, found.gate, found.share * length)
+    return WallAlignment(aligned, place, gate, share * length)
 
 
 def associate_walls(seen: WallArrays, planned: WallArrays, reach: float) -> Index:

@@ -110,8 +110,9 @@ def equal_storeys(at: Pose = HERE) -> MatchResult:
     return answer(*((floor, 0.333, at) for floor in "abd"), ("c", 1e-6, at))
 
 
-def together(*matches: MatchResult) -> tuple[dict[int, str], PlacePosterior]:
-    return joint_posterior(dict(enumerate(matches)), {k: MAP for k in range(len(matches))}, STAIRS)
+def together(*matches: MatchResult, possible: list[dict[int, str]] = STAIRS) -> tuple[dict[int, str], PlacePosterior]:
+    known = {k: place_posterior(match, None, []) for k, match in enumerate(matches)}
+    return joint_posterior(known, dict.fromkeys(known, MAP), possible)
 
 
 def test_two_floors_that_are_ambiguous_alone_are_sure_together() -> None:
@@ -125,8 +126,7 @@ def test_two_floors_that_are_ambiguous_alone_are_sure_together() -> None:
 
 def test_floors_are_only_at_storeys_that_can_be_theirs() -> None:
     low, high = (answer((floor, 0.999, HERE)) for floor in "ad")
-    assert joint_posterior({0: low, 1: high}, {0: MAP, 1: MAP}, []) == ({}, PlacePosterior())
-    assert together(high, low) == ({}, PlacePosterior())
+    assert together(low, high, possible=[]) == together(high, low) == ({}, PlacePosterior())
     assert together(low, high)[1].places[0].probability < 0.9  # two storeys lie between them
 
 
@@ -166,5 +166,5 @@ def test_what_the_best_place_in_a_known_map_gains_the_others_lose() -> None:
 def test_heights_of_a_plan_are_above_its_lowest_floor() -> None:
     floors = (Floor("up", "", 7.0), Floor("low", "", 4.0), Floor("attic", ""))
     plan = Plan(replace(MAP, floors=floors))
-    assert [plan.height(floor) for floor in ("up", "low", "attic", None)] == [3.0, 0.0, None, None]
+    assert [plan.height(floor) for floor in ("up", "low", "attic", None)] == [3.0, 0.0, 0.0, 0.0]
     assert plan.origin.tolist() == [*MAP.centroid().tolist(), 4.0]
