@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-PLACES = "anchored_rooms commitment free_space_conflict place_posterior storey_hypotheses"
+PLACES = "anchor_log anchored_rooms free_space_conflict place_posterior storey_hypotheses"
 ANCHORING = tuple(f"tests/sgslam/anchoring/test_{name}.py" for name in f"{PLACES} consensus".split())
 BUILDING = ("tests/sgslam/anchoring/test_building_anchoring.py",)
 FLOORS = (*BUILDING, *(f"tests/sgslam/anchoring/test_{name}.py" for name in ("floor_anchoring", "mirror_image")))

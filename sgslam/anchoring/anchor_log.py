@@ -1,13 +1,21 @@
 """The log of all anchors: what added each one, when and why, and every later change of its state."""
 
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 State = Literal["tight", "loose", "withdrawn"]
 Key = tuple[int, str]  # wall, A surface
 _log = logging.getLogger(__name__)
+
+
+class AnchorStatus(NamedTuple):
+    """The present state of an anchor, the match that placed the map, and the reason."""
+
+    state: State
+    by: str
+    why: str
 
 
 @dataclass(frozen=True)
@@ -21,12 +29,12 @@ class AnchorEvent:
 
 @dataclass(frozen=True)
 class AnchorRecord:
-    """A wall anchored to a planned surface; `by` is what paired them: a match or their position."""
+    """A wall anchored to a planned surface; `by` is the match that placed the map."""
 
     wall: int
     a_id: str
     by: str
-    events: tuple[AnchorEvent, ...]
+    events: tuple[AnchorEvent, ...] = ()
 
     @property
     def state(self) -> State:
@@ -37,15 +45,6 @@ class AnchorRecord:
         """Returns plain values and the newest state; the wall is named by its id in the S-graph."""
         events = [asdict(event) for event in self.events]
         return {"wall": f"w{self.wall}", "a_id": self.a_id, "by": self.by, "state": self.state, "events": events}
-
-
-@dataclass(frozen=True)
-class AnchorStatus:
-    """The present state of an anchor, what paired it, and the reason."""
-
-    state: State
-    by: str
-    why: str
 
 
 class AnchorLog:
@@ -66,28 +65,19 @@ class AnchorLog:
             renamed.setdefault((current(wall), a_id), replace(record, wall=current(wall)))
         self._records = renamed
 
-    def update(self, stamp_ns: int, anchors: dict[Key, AnchorStatus]) -> None:
+    def update(
+        self,
+        stamp_ns: int,
+        anchors: Mapping[Key, AnchorStatus],
+        why_gone: str = "the wall is no longer seen at the planned one",
+    ) -> None:
         """Records all anchors that hold now; the others are withdrawn."""
-        for key, now in sorted(anchors.items()):
-            self._record(stamp_ns, key, now)
-        gone = [key for key, r in self._records.items() if key not in anchors and r.state != "withdrawn"]
-        self._withdraw(stamp_ns, gone, "the wall is no longer seen at the planned one")
-
-    def withdraw_all(self, stamp_ns: int, why: str) -> None:
-        """Withdraws all anchors."""
-        self._withdraw(stamp_ns, [key for key, r in self._records.items() if r.state != "withdrawn"], why)
-
-    def _withdraw(self, stamp_ns: int, keys: Iterable[Key], why: str) -> None:
-        for key in keys:
-            self._record(stamp_ns, key, AnchorStatus("withdrawn", self._records[key].by, why))
-
-    def _record(self, stamp_ns: int, key: Key, now: AnchorStatus) -> None:
-        record = self._records.get(key)
-        if record is not None and record.state == now.state:
-            return
-        event = AnchorEvent(stamp_ns, now.state, now.why)
-        if record is None:
-            self._records[key] = AnchorRecord(*key, now.by, (event,))
-        else:
-            self._records[key] = replace(record, events=(*record.events, event))
-        _log.info("anchor w%d to %s, by %s: %s, %s", *key, now.by, now.state, now.why)
+        gone = {
+            key: AnchorStatus("withdrawn", r.by, why_gone) for key, r in self._records.items() if key not in anchors
+        }
+        for key, now in [*sorted(anchors.items()), *gone.items()]:
+            record = self._records.get(key) or AnchorRecord(*key, now.by)
+            if not record.events or record.state != now.state:
+                event = AnchorEvent(stamp_ns, now.state, now.why)
+                self._records[key] = replace(record, events=(*record.events, event))
+                _log.info("anchor w%d to %s, by %s: %s, %s", *key, now.by, now.state, now.why)

@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 
 def matched_rooms(
     aligned: list[AlignedWall], from_match: tuple[tuple[str, str, float], ...], least: float
-) -> list[list[str | float | None]]:
+) -> list[list[str | float]]:
     """(S room, A room, confidence): as in the match, unless most of a room's walls stand in another planned room.
 
     `least` is the confidence of pairs that are not in the match.
@@ -27,71 +27,65 @@ def matched_rooms(
             own = votes.setdefault(h.surface.room, {})
             own[h.planned.room] = own.get(h.planned.room, 0.0) + (h.surface.length or 0.0)
     known = {s: (a, c) for s, a, c in from_match}
-    rooms: list[list[str | float | None]] = []
-    for s_room in sorted({*votes, *known}):
+    rooms: list[list[str | float]] = []
+    for s_room in sorted(known or votes):
         own = votes.get(s_room, {})
-        most = max(own, key=lambda a: (own[a], a), default=None)
-        if s_room in known and (most is None or own.get(known[s_room][0], 0.0) >= 0.5 * own[most]):
-            rooms.append([s_room, *known[s_room]])
-        elif s_room in known or not from_match:
-            rooms.append([s_room, most, least])
+        most = max(own, key=lambda a: (own[a], a), default="")
+        a_room, confidence = known.get(s_room, (most, least))
+        if own.get(a_room, 0.0) < 0.5 * own.get(most, 0.0):
+            a_room, confidence = most, least
+        rooms.append([s_room, a_room, confidence])
     return rooms
 
 
-def room_anchors(scene: Scene, by_rooms: dict[tuple[str, str], dict[int, Floats]], height: float) -> dict[int, Floats]:
-    """T_bim_room (4, 4) of each room with aligned walls of two directions in one planned room.
-
-    Its floor is at `height` (m).
-    """
-    anchors = {}
-    for node in scene.rooms:
-        choices = [walls for (s_room, _), walls in by_rooms.items() if s_room == scene.room_ids[node.id]]
-        if not choices:
-            continue
-        walls = max(choices, key=len)
-        fitted = factors.fit_room(list(walls.values()), [node.walls[wall] for wall in walls])
-        if fitted is not None:
-            anchors[node.id] = se2_to_se3(0.0, 0.0, 0.0, height) @ fitted
-    return anchors
-
-
-def anchor_statuses(
-    alignment: WallAlignment, scene: Scene, matched: set[Key], match_name: str
-) -> dict[Key, AnchorStatus]:  # fmt: skip
-    """The status of each wall's anchor; pairs in `matched` come from the match `match_name`, others by position."""
+def anchor_statuses(alignment: WallAlignment, scene: Scene, by: str) -> dict[Key, AnchorStatus]:
+    """The status of each wall's anchor; `by` is the match that placed the map."""
     statuses: dict[Key, AnchorStatus] = {}
     for aligned in alignment.walls:
         key = (scene.wall_of_surface[aligned.surface.id], aligned.planned.id)
-        by, off = match_name if key in matched else "position", f"{1000 * aligned.offset:+.0f} mm off"
         if aligned.agrees:
             statuses[key] = AnchorStatus("tight", by, f"as planned within {1000 * alignment.gate:.0f} mm")
-        elif key not in statuses:
-            statuses[key] = AnchorStatus("loose", by, f"{off} the plan")
+        else:
+            statuses.setdefault(key, AnchorStatus("loose", by, f"{1000 * aligned.offset:+.0f} mm off the plan"))
     return statuses
 
 
 def planned_walls(
     alignment: WallAlignment, scene: Scene, statuses: dict[Key, AnchorStatus], T_local_level: Floats, origin: Floats
-) -> tuple[dict[int, list[PlannedWall]], dict[tuple[str, str], dict[int, Floats]]]:
-    """The planned walls at which each wall of the map stands; and, by (S room, A room), the planes (4,) of the walls
-    that agree, in the local frame.
+) -> dict[int, list[PlannedWall]]:
+    """The planned walls at which each wall of the map stands.
 
     `origin` (3,) is that of the local frame, T_local_level (4, 4) the place of the map in it.
     """
     found: dict[int, dict[str, PlannedWall]] = {}
-    by_rooms: dict[tuple[str, str], dict[int, Floats]] = {}
     names = wall_names([aligned.planned for aligned in alignment.walls])
     for aligned in alignment.walls:
-        wall, plane = scene.wall_of_surface[aligned.surface.id], _local_plane(aligned.planned, origin)
+        wall, a_id = scene.wall_of_surface[aligned.surface.id], aligned.planned.id
         middle = np.array([*aligned.surface.centroid, np.mean(aligned.surface.height or 0.0)])
-        status = statuses[wall, aligned.planned.id]
-        place = transform_points(T_local_level, middle)
-        planned = PlannedWall(plane, place, aligned.planned.id, status.by, status.why, names[aligned.planned.id])
-        found.setdefault(wall, {})[aligned.planned.id] = planned
-        rooms = aligned.surface.room, aligned.planned.room
-        if aligned.agrees and rooms[0] is not None and rooms[1] is not None:
-            by_rooms.setdefault((rooms[0], rooms[1]), {})[wall] = plane
-    return {wall: list(planned.values()) for wall, planned in found.items()}, by_rooms
+        place, (_, by, why) = transform_points(T_local_level, middle), statuses[wall, a_id]
+        planned = PlannedWall(_local_plane(aligned.planned, origin), place, a_id, by, why, names[a_id])
+        found.setdefault(wall, {})[a_id] = planned
+    return {wall: list(planned.values()) for wall, planned in found.items()}
+
+
+def room_anchors(alignment: WallAlignment, scene: Scene, origin: Floats, height: float) -> dict[int, Floats]:
+    """T_bim_room (4, 4) of each room with walls of two directions that agree with those of one planned room.
+
+    Its floor is at `height` (m).
+    """
+    planes: dict[str, dict[str, dict[int, Floats]]] = {}  # by the S room, the A room and the wall
+    for aligned in alignment.walls:
+        s_room, a_room = aligned.surface.room, aligned.planned.room
+        if aligned.agrees and s_room is not None and a_room is not None:
+            own = planes.setdefault(s_room, {}).setdefault(a_room, {})
+            own[scene.wall_of_surface[aligned.surface.id]] = _local_plane(aligned.planned, origin)
+    anchors = {}
+    for node in scene.rooms:
+        walls = max(planes.get(scene.room_ids[node.id], {}).values(), key=len, default={})
+        fitted = factors.fit_room(list(walls.values()), [node.walls[wall] for wall in walls])
+        if fitted is not None:
+            anchors[node.id] = se2_to_se3(0.0, 0.0, 0.0, height) @ fitted
+    return anchors
 
 
 def _local_plane(surface: WallSurface, origin: Floats) -> Floats:

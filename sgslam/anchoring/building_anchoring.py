@@ -10,18 +10,17 @@ from numpy.typing import NDArray
 from data import SceneGraph
 from matching.result import AnyMatcher, MatchResult
 from sgslam.anchoring.anchor_log import AnchorRecord
-from sgslam.anchoring.floor_anchoring import FloorAnchoring
+from sgslam.anchoring.floor_anchoring import Cut, FloorAnchoring
 from sgslam.anchoring.place_posterior import PlacePosterior, differ, joint_posterior
 from sgslam.anchoring.plan import Plan
 from sgslam.anchoring.storey_hypotheses import Assignment, assignments
 from sgslam.anchoring.wall_alignment import WallAlignment
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse
-from sgslam.mapping import Anchors, FloorMap, Floors, Scene
+from sgslam.mapping import Anchors, Floors
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
-FloorScenes = list[tuple[FloorMap, Scene]]
 
 
 class BuildingAnchoring:
@@ -69,19 +68,23 @@ class BuildingAnchoring:
     @property
     def committed(self) -> FloorAnchoring | None:
         """The anchoring of the floor that the others follow: one with a committed match; None before that."""
-        return self._leading or next((own for own in self._of.values() if own.committed is not None), None)
+        committed = [own for own in self._of.values() if own.committed is not None]
+        return min(committed, key=lambda own: own.follows, default=None)
+
+    @property
+    def _first(self) -> FloorAnchoring | None:
+        """The floor that the others follow, or the first one that was matched."""
+        return self.committed or next((self.of(number) for number in self.newest_matches), None)
 
     @property
     def posterior(self) -> PlacePosterior:
         """What is believed of the place of the floor that the others follow, or of the first one that was matched."""
-        known = (own for own in self._of.values() if own.match is not None)
-        own = self.committed or next(known, None)
-        return PlacePosterior() if own is None else own.matching.posterior
+        return PlacePosterior() if self._first is None else self._first.matching.posterior
 
     @property
     def newest_matches(self) -> dict[int, MatchResult]:
         """The newest answer of the matcher for each floor that was matched."""
-        return {number: own.match for number, own in self._of.items() if own.match is not None}
+        return {number: own.matching.match for number, own in self._of.items() if own.matching.match is not None}
 
     @property
     def records(self) -> tuple[AnchorRecord, ...]:
@@ -91,10 +94,9 @@ class BuildingAnchoring:
     @property
     def reason(self) -> str:
         """One line: why the map is anchored, or why it is not."""
-        own = self.committed or next((own for own in self._of.values() if own.match is not None), None)
-        if own is None or own.match is None:
+        if self._first is None:
             return "too little was seen to try a match"
-        return own.reason if own.committed is None else own.committed.reason
+        return self._first.matching.reason if self._first.committed is None else self._first.committed.reason
 
     def update(self, floors: Floors, T_map_local: Floats | None, last: bool) -> Anchors | None:
         """Returns the anchors of all floors that hold now; see `FloorAnchoring.update`.
@@ -102,27 +104,28 @@ class BuildingAnchoring:
         Where no floor has a unique answer of its own, all floors are matched jointly. Where one has, the others take
         their places from it and from their height above it. Where the heights fit no storeys, since the odometry
         slipped on the stairs, each needs an answer of its own, at the same place in plan view.
+        `T_map_local` (4, 4) is the back end's estimate of the local frame, None where it has none.
         """
-        cut, found = _with_scenes(floors), []
-        base = self.committed
+        cuts, found, base = _cuts(floors, T_map_local), list[Anchors](), self.committed
         if base is None:
             self._joint = {}
         self._restrict_storeys(floors)
-        for floor, scene in cut:
-            own = self.of(floor.number)
-            if base is None or own.committed is not None or self._heights_slipped:
-                anchors = own.update(floor, scene, T_map_local, last)
-                if base is not None and self._heights_slipped and self._is_displaced(own, base, scene):
-                    own.withdraw(scene, "the floors above or below are elsewhere")
-                    anchors = None
-                found += [] if anchors is None else [anchors]
+        heights_slipped = self._possible == []
+        for cut in cuts:
+            own = self.of(cut.floor.number)
+            if base is None or own.committed is not None or heights_slipped:
+                anchors = own.update(cut, last)
+                if heights_slipped and _are_apart(own, base, cut):
+                    own.withdraw(cut.scene, "the floors above or below are elsewhere")
+                elif anchors is not None:
+                    found.append(anchors)
                 base = self.committed
-        if base is None and len(cut) > 1:
-            self._match_jointly(cut)
+        if base is None and len(cuts) > 1:
+            self._match_jointly(cuts)
             self._restrict_storeys(floors)
-        elif base is not None and T_map_local is not None and not self._heights_slipped:
-            self._propagate(base, cut, T_map_local)
-        return merged(found) if found else None
+        elif base is not None and not heights_slipped:
+            self._propagate(base, cuts)
+        return _merged(found) if found else None
 
     def _restrict_storeys(self, floors: Floors) -> None:
         """Restricts each floor to the storeys that the heights between the floors allow, and all floors together."""
@@ -132,75 +135,55 @@ class BuildingAnchoring:
         joint = [a for a in self._possible or () if self._joint.items() <= a.items()]
         self._possible = joint or self._possible
         for floor in floors.maps:
-            own = self.of(floor.number)
             storeys = [a[floor.number] for a in self._possible or () if floor.number in a]
-            own.matching.restrict_storeys(storeys, storeys[0] if self._start is not None and storeys else None)
+            self.of(floor.number).matching.restrict_storeys(storeys, self._start is not None)
 
-    def _match_jointly(self, cut: FloorScenes) -> None:
+    def _match_jointly(self, cuts: list[Cut]) -> None:
         """Commits to the place that all floors together make sure, on the floor with most evidence for it; the others
         follow it."""
-        asked = {floor.number: (floor, scene) for floor, scene in cut if self.of(floor.number).match is not None}
-        matches = {number: match for number, match in self.newest_matches.items() if number in asked}
-        if not self._possible or len(matches) < 2:
+        matched = {cut.floor.number: cut for cut in cuts if cut.floor.number in self.newest_matches}
+        if not self._possible or len(matched) < 2:
             return
-        graphs = {number: scene.graph for number, (_, scene) in asked.items()}
-        assigned, posterior = joint_posterior(matches, graphs, self._possible)
+        graphs = {number: cut.scene.graph for number, cut in matched.items()}
+        known = {number: self.of(number).matching.posterior for number in matched}
+        assigned, posterior = joint_posterior(known, graphs, self._possible)
         if not posterior.places or posterior.places[0].probability < self._config.anchors.commit:
             return
         best, self._joint = posterior.places[0], assigned
         _log.info("storeys by all floors together: %s", assigned)
-        own = {k: self.of(k).matching.posterior.at(np.array(best.T_a_s), assigned[k], graphs[k]) for k in matches}
-        number = max(own, key=lambda k: own[k])
-        floor, scene = asked[number]
-        self.of(number).commit_to(replace(best, floor=assigned[number]), scene, floor.walls)
+        T_a_s = np.array(best.T_a_s)
+        number = max(matched, key=lambda k: known[k].at(T_a_s, assigned[k], graphs[k]))
+        own = self.of(number)
+        own.commitment = own.commitment_at(replace(best, floor=assigned[number]), matched[number])
 
-    def _propagate(self, base: FloorAnchoring, cut: FloorScenes, T_map_local: Floats) -> None:
-        """Gives the other floors the place of the floor `base`, which has an answer."""
-        storey = base.committed.floor if base.committed is not None else None
-        possible = [a for a in self._possible or () if a.get(base.number) == storey]
-        for floor, scene in cut:
-            own = self.of(floor.number)
-            if own is base:
+    def _propagate(self, base: FloorAnchoring, cuts: list[Cut]) -> None:
+        """Gives the other floors the place of the floor `base`, which has an answer, where the back end has it too."""
+        possible = [a for a in self._possible or () if a.get(base.number) == base.storey]
+        for cut in cuts:
+            own = self.of(cut.floor.number)
+            if own is base or cut.T_map_local is None:
                 continue
-            expected = possible[0].get(floor.number) if len(possible) == 1 else None
-            if own.committed is not None and own.committed.floor != expected:
-                own.withdraw(scene, "the floors above or below are elsewhere")
+            expected = possible[0].get(cut.floor.number) if len(possible) == 1 else None
+            if own.committed is not None and own.storey != expected:
+                own.withdraw(cut.scene, "the floors above or below are elsewhere")
             if own.committed is None and expected is not None:
-                own.follow(expected, scene, floor.walls, T_map_local, base)
-
-    @property
-    def _heights_slipped(self) -> bool:
-        """Whether the heights between the floors are known and fit no storeys of the plan."""
-        return self._possible is not None and not self._possible
-
-    @staticmethod
-    def _is_displaced(own: FloorAnchoring, base: FloorAnchoring, scene: Scene) -> bool:
-        """Whether a floor has an answer whose place in plan view is not that of the floor `base`."""
-        return own.committed is not None and differ(own.commitment.place, base.commitment.place, scene.graph)
+                own.follow(expected, cut, base)
 
     def confirm(self, floors: Floors, T_map_local: Floats | None) -> bool:
         """Matches the final map; returns whether all floors keep their commitment. See `FloorAnchoring.confirm`.
 
         Floors that follow others are confirmed by their walls.
         """
+        cuts = [(self.of(cut.floor.number), cut) for cut in _cuts(floors, T_map_local)]
         confirmed = True
-        for floor, scene in _with_scenes(floors):
-            own = self.of(floor.number)
-            if not own.commitment.follows:
-                confirmed &= own.confirm(scene, floor.walls, T_map_local)
-        for floor, scene in _with_scenes(floors):
-            own = self.of(floor.number)
-            if own.commitment.follows and (
-                self._leading is None or not own.aligned_share(scene, floor.walls, T_map_local)
-            ):
-                own.withdraw(scene, "its walls are not where the floors above or below place it")
+        for own, cut in cuts:
+            confirmed &= own.follows or own.confirm(cut)
+        leads = any(own.committed is not None and not own.follows for own in self._of.values())
+        for own, cut in cuts:
+            if own.follows and (not leads or own.alignment(cut) is None):
+                own.withdraw(cut.scene, "its walls are not where the floors above or below place it")
                 confirmed = False
         return confirmed
-
-    @property
-    def _leading(self) -> FloorAnchoring | None:
-        followed = (own for own in self._of.values() if not own.commitment.follows)
-        return next((own for own in followed if own.committed is not None), None)
 
     def bim_from_map(self, T_map_local: Floats) -> Floats:
         """(4, 4) T_bim_map from the back end's T_map_local (4, 4)."""
@@ -210,16 +193,15 @@ class BuildingAnchoring:
 
     def alignments(self, floors: Floors, T_map_local: Floats | None) -> dict[int, WallAlignment]:
         """The aligned walls by floor number; see `FloorAnchoring.alignment`."""
-        found = {
-            f.number: self.of(f.number).alignment(scene, f.walls, T_map_local) for f, scene in _with_scenes(floors)
-        }
+        found = {cut.floor.number: self.of(cut.floor.number).alignment(cut) for cut in _cuts(floors, T_map_local)}
         return {number: alignment for number, alignment in found.items() if alignment is not None}
 
     def answer(self, floors: Floors, alignments: dict[int, WallAlignment]) -> dict[str, Any] | None:
         """The answer over all floors in the form of matches.json; its `floors` gives the storey of each."""
-        answers = {}
-        for floor, scene in _with_scenes(floors):
-            answers[floor.number] = self.of(floor.number).answer(scene, alignments.get(floor.number))
+        answers = {
+            cut.floor.number: self.of(cut.floor.number).answer(cut.scene, alignments.get(cut.floor.number))
+            for cut in _cuts(floors, None)
+        }
         first = self.committed.number if self.committed is not None else min(answers, default=0)
         answer = answers.get(first)
         if answer is None:
@@ -233,11 +215,17 @@ class BuildingAnchoring:
         }
 
 
-def _with_scenes(floors: Floors) -> FloorScenes:
-    return [(floor, floor.scene) for floor in floors.maps if floor.scene is not None]
+def _are_apart(own: FloorAnchoring, base: FloorAnchoring | None, cut: Cut) -> bool:
+    """Whether a floor has another place in plan view than the floor `base`."""
+    one, other = own.commitment, None if base is None else base.commitment
+    return one is not None and other is not None and differ(one.place, other.place, cut.scene.graph)
 
 
-def merged(anchors: list[Anchors]) -> Anchors:
+def _cuts(floors: Floors, T_map_local: Floats | None) -> list[Cut]:
+    return [Cut(floor, floor.scene, T_map_local) for floor in floors.maps if floor.scene is not None]
+
+
+def _merged(anchors: list[Anchors]) -> Anchors:
     """Merges the anchors of one or more floors into those of the building."""
     first = anchors[0]
     for more in anchors[1:]:

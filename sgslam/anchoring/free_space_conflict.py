@@ -5,15 +5,16 @@ so a wrong place may explain most walls. But two maps of the same place agree wh
 similar part has some wall elsewhere, in what the other map saw as free space.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
 from data import SceneGraph
-from data.geometry import se2
 from data.geometry.areas import Area, polygons_of, united
+from data.scene_graph.motion import moved
+from data.scene_graph.segments import Segments
 
 Floats = NDArray[np.float64]
 _STEP = 0.2  # m between the sampled places of a wall, and to a wall of the other map that counts as the same
@@ -21,42 +22,13 @@ _INSIDE = 0.3  # m inside the outline of a room's free space, from which on a wa
 _PARALLEL = 0.95  # cosine
 
 
-@dataclass(frozen=True)
-class _Drawn:
-    """A map as drawn: sampled places along walls and the normals there (N, 2); M walls as lines, their normals (M, 2);
-    and the free space."""
+class _Drawn(NamedTuple):
+    """The walls of a map, sampled places (N, 2) along them with their walls (N,), and the free space."""
 
+    walls: Segments
     places: Floats
-    normals: Floats
-    walls: NDArray[np.object_]
-    wall_normals: Floats
+    wall: NDArray[np.int64]
     free: Area
-
-    @staticmethod
-    def of(graph: SceneGraph, T: Floats) -> "_Drawn":
-        """Draws a map moved by T (3,), yaw x y."""
-        walls = graph.wall_surfaces
-        centre = se2.apply(T, np.array([w.centroid for w in walls], dtype=float).reshape(-1, 2))
-        normal = se2.rotate(T[0], np.array([w.normal for w in walls], dtype=float).reshape(-1, 2))
-        length = np.array([w.length or 0.0 for w in walls])
-        arm = length[:, None] / 2 * np.column_stack([-normal[:, 1], normal[:, 0]])
-        count = np.ceil(length / _STEP).astype(np.int64)
-        which = np.repeat(np.arange(len(walls)), count)
-        nth = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
-        share = 2 * (nth + 0.5) / np.maximum(count[which], 1) - 1
-        rooms = [shapely.Polygon(se2.apply(T, np.array(r.polygon))) for r in graph.rooms if len(r.polygon or ()) > 2]
-        free = united(polygons_of(room).buffer(-_INSIDE) for room in rooms)
-        shapely.prepare(free)
-        lines = shapely.linestrings(np.stack([centre - arm, centre + arm], axis=1))
-        return _Drawn(centre[which] + share[:, None] * arm[which], normal[which], lines, normal, free)
-
-    def against(self, other: "_Drawn") -> tuple[int, int]:
-        """How many of the sampled places stand in the other's free space, and how many at its walls."""
-        i, j = shapely.STRtree(other.walls).query(shapely.points(self.places), predicate="dwithin", distance=_STEP)
-        at = np.zeros(len(self.places), dtype=bool)
-        at[i[np.abs(np.sum(self.normals[i] * other.wall_normals[j], axis=1)) > _PARALLEL]] = True
-        inside = shapely.contains_xy(other.free, self.places[:, 0], self.places[:, 1])
-        return int((inside & ~at).sum()), int(at.sum())
 
 
 def conflict_share(s: SceneGraph, a: SceneGraph, T_a_s: Floats) -> float:
@@ -64,8 +36,29 @@ def conflict_share(s: SceneGraph, a: SceneGraph, T_a_s: Floats) -> float:
 
     The S-graph is placed by T_a_s (3,), yaw x y. 1 where the maps have nothing in common.
     """
-    if not s.wall_surfaces or not a.wall_surfaces:
-        return 1.0
-    seen, known = _Drawn.of(s, np.asarray(T_a_s, dtype=float)), _Drawn.of(a, np.zeros(3))
-    (free, at), (known_free, known_at) = seen.against(known), known.against(seen)
+    seen, known = _drawn(moved(s, T_a_s)), _drawn(a)
+    (free, at), (known_free, known_at) = _compared(seen, known), _compared(known, seen)
     return (free + known_free) / (free + known_free + at + known_at) if at + known_at else 1.0
+
+
+def _drawn(graph: SceneGraph) -> _Drawn:
+    walls = Segments.of(graph.wall_surfaces)
+    count = np.ceil(np.nan_to_num(walls.length) / _STEP).astype(np.int64)
+    wall = np.repeat(np.arange(len(count)), count)
+    nth = np.arange(len(wall)) - np.repeat(np.cumsum(count) - count, count)
+    along = (2 * nth + 1) / count[wall] - 1
+    rooms = [shapely.Polygon(room.polygon) for room in graph.rooms if len(room.polygon or ()) > 2]
+    free = united(polygons_of(room).buffer(-_INSIDE) for room in rooms)
+    shapely.prepare(free)
+    return _Drawn(walls, walls.centre[wall] + along[:, None] * walls.arm[wall], wall, free)
+
+
+def _compared(one: _Drawn, other: _Drawn) -> tuple[int, int]:
+    """How many of the sampled places of a map stand in the other's free space, and how many at its walls."""
+    ends = np.stack([other.walls.centre - other.walls.arm, other.walls.centre + other.walls.arm], axis=1)
+    tree = shapely.STRtree(shapely.linestrings(ends))
+    i, j = tree.query(shapely.points(one.places), predicate="dwithin", distance=_STEP)
+    at = np.zeros(len(one.places), dtype=bool)
+    at[i[np.abs(np.cos(one.walls.heading[one.wall[i]] - other.walls.heading[j])) > _PARALLEL]] = True
+    inside = shapely.contains_xy(other.free, one.places[:, 0], one.places[:, 1])
+    return int((inside & ~at).sum()), int(at.sum())

@@ -4,6 +4,7 @@ What hides a planned floor lies on it, like furniture and platforms. Ceilings ar
 ones are missing. The larger a surface is, the less likely it is something else.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -15,17 +16,18 @@ from scipy.ndimage import gaussian_filter1d
 
 from data import LevelSurface
 from sgslam.config import AnchorSettings
+from sgslam.config.sensor import BUILDING
 from sgslam.mapping.level_map import Levels
 
 Floats = NDArray[np.float64]
 _SURE, _NORMAL = 0.95, 1.96  # probability of a height that is not doubted; sigmas of a normal distribution that hold it
-_STEP = 0.005  # m between the heights that are tried
 _MAPPED = 0.01  # m, standard deviation of a height within the map of a floor
+_STEP = _MAPPED / 2  # m between the heights that are tried
+ALIKE = 3 * _MAPPED  # m: surfaces as near in height are one, such as the ceilings of several rooms
 _HIDING = 5.0  # m2, of a surface that is as likely to be furniture or a duct as the floor or ceiling
+_REACH = BUILDING.cupboard  # m from a planned surface, within which others may hide it
 _HUNG = 0.2  # share of ceilings that are not planned, or hang where a planned one is missing, however large
 _BELOW = 0.1  # times as likely as one on the planned floor is one below it
-_REACH = 2.0  # m from a planned surface, within which others may hide it
-ALIKE = 0.03  # m: surfaces as near in height are one, such as the ceilings of several rooms
 _LEAST = 1e-6  # 1/m, density of what no model explains
 
 
@@ -54,6 +56,29 @@ class _Seen(NamedTuple):
     share: Floats
     sigma: float
 
+    @property
+    def hides(self) -> float:
+        """The probability that it is not the planned one."""
+        small = 1 / (1 + (self.area / _HIDING) ** 2)
+        return small if self.is_floor else max(small, _HUNG)
+
+    def density(self, raised: Floats, sigma: float) -> Floats:
+        """(R,) the density (1/m) of its height if the map is so high, where planned ones are known to `sigma` (m);
+        what lies at no planned one may be anywhere."""
+        above = (self.height + raised)[:, None] - self.planned
+        other = self.hides / _REACH * (np.where(above > 0, 1.0, _BELOW) if self.is_floor else 0.5)
+        planned = (1 - self.hides) * _normal(above, sigma)
+        anywhere = max(1 - self.share.sum(), 0.0) / (2 * _REACH)
+        return np.asarray((planned + other) @ self.share + anywhere + _LEAST)
+
+    def planned_at(self, raised: float) -> float | None:
+        """The planned height (m) of it if the map is so high; None where it probably is not the planned surface."""
+        sigma = float(np.hypot(self.sigma, _MAPPED))
+        likely = self.share * (1 - self.hides) * _normal(self.height + raised - self.planned, sigma)
+        if max(likely, default=0.0) < 0.5 * self.density(np.array([raised]), sigma)[0]:
+            return None
+        return float(self.planned[np.argmax(likely)])
+
 
 def align_levels(
     levels: Levels, planned: Sequence[LevelSurface], T_bim_level: Floats, origin: float, settings: AnchorSettings
@@ -64,17 +89,23 @@ def align_levels(
     BIM frame moved down by `origin` (m).
     """
     seen = _at_planned(levels, planned, T_bim_level, origin, settings)
-    proposed = [own.planned - own.height for own in seen]
-    if not sum(map(len, proposed)):
+    proposed = np.concatenate([np.empty(0), *(own.planned - own.height for own in seen)])
+    if not len(proposed):
         return None
-    low, high = (float(pick(np.concatenate(proposed))) for pick in (np.min, np.max))
-    raised = np.arange(low - _REACH / 4, high + _REACH / 4, _STEP)
+    raised = np.arange(proposed.min() - _REACH / 4, proposed.max() + _REACH / 4, _STEP)
     likelihood = [_likelihood([own for own in _joined(seen) if own.is_floor == side], raised) for side in (True, False)]
     probability = np.prod(likelihood, axis=0)
     probability /= probability.sum()
-    best, sigma = _summary(raised, probability)
-    found = {own.number: at for own in seen if (at := _planned_at(own, best)) is not None}
-    return LevelAlignment(_shared(found, {own.number for own in seen if own.is_floor}, sigma), best, sigma)
+    near = np.abs(raised - raised[np.argmax(probability)]) < 2 * ALIKE
+    best = float(np.average(raised[near], weights=probability[near]))
+    sigma = height_sigma(np.abs(raised[~near] - best), probability[~near])
+    found = [(own, z) for own in seen if (z := own.planned_at(best)) is not None]
+    # floors err together, ceilings likewise, and all of them by sigma
+    count = Counter(own.is_floor for own, _ in found)
+    variance = [own.sigma**2 * count[own.is_floor] for own, _ in found]
+    shared = 1 + sigma**2 * sum(1 / v for v in variance)
+    heights = {own.number: (z, float(np.sqrt(v * shared))) for (own, z), v in zip(found, variance, strict=True)}
+    return LevelAlignment(heights, best, sigma)
 
 
 def _at_planned(
@@ -118,36 +149,13 @@ def _likelihood(seen: list[_Seen], raised: Floats) -> Floats:
     planned heights together."""
     if not seen:
         return np.ones(len(raised))
-    odds = np.sum([np.log(_density(own, raised, _MAPPED)) for own in seen], axis=0)
+    odds = np.sum([np.log(own.density(raised, _MAPPED)) for own in seen], axis=0)
     shared = gaussian_filter1d(np.exp(odds - odds.max()), seen[0].sigma / _STEP, mode="constant")
     return np.asarray(np.maximum(shared / shared.max(), _LEAST))
 
 
-def _density(own: _Seen, raised: Floats, sigma: float) -> Floats:
-    """(R,) the density (1/m) of a surface's height if the map is so high, where planned ones are known to `sigma` (m);
-    what lies at no planned one may be anywhere."""
-    above = (own.height + raised)[:, None] - own.planned
-    hides = _hides(own)
-    other = hides / _REACH * (np.where(above > 0, 1.0, _BELOW) if own.is_floor else 0.5)
-    planned = (1 - hides) * _normal(above, sigma)
-    return np.asarray((planned + other) @ own.share + max(1 - own.share.sum(), 0.0) / (2 * _REACH) + _LEAST)
-
-
-def _hides(own: _Seen) -> float:
-    """The probability that a surface is not the planned one."""
-    small = 1 / (1 + (own.area / _HIDING) ** 2)
-    return small if own.is_floor else max(small, _HUNG)
-
-
 def _normal(off: Floats, sigma: float) -> Floats:
     return np.asarray(np.exp(-((off / sigma) ** 2) / 2) / (sigma * np.sqrt(2 * np.pi)))
-
-
-def _summary(raised: Floats, probability: Floats) -> tuple[float, float]:
-    """The mean (m) of the likeliest height and those near it, and the standard deviation (m) for all others."""
-    near = np.abs(raised - raised[np.argmax(probability)]) < 2 * ALIKE
-    best = float(np.average(raised[near], weights=probability[near]))
-    return best, height_sigma(np.abs(raised[~near] - best), probability[~near])
 
 
 def height_sigma(apart: Floats, probability: Floats) -> float:
@@ -158,28 +166,3 @@ def height_sigma(apart: Floats, probability: Floats) -> float:
     beyond = np.cumsum(probability[farthest])
     quantile = float(apart[farthest[np.argmax(beyond > 1 - _SURE)]])
     return max(quantile / _NORMAL, float(np.sqrt(probability @ apart**2)))
-
-
-def _planned_at(own: _Seen, raised: float) -> tuple[float, float] | None:
-    """The planned height (m) of a surface and its standard deviation (m), if it probably is the planned one."""
-    if not len(own.planned):
-        return None
-    above, sigma = own.height + raised - own.planned, float(np.hypot(own.sigma, _MAPPED))
-    likely = own.share * (1 - _hides(own)) * _normal(above, sigma)
-    best = int(np.argmax(likely))
-    if likely[best] < 0.5 * _density(own, np.array([raised]), sigma)[0]:
-        return None
-    return float(own.planned[best]), own.sigma
-
-
-def _shared(
-    found: dict[int, tuple[float, float]], floors: set[int], sigma: float
-) -> dict[int, tuple[float, float]]:  # fmt: skip
-    """The planned heights with standard deviations such that floors err together, ceilings likewise, and all of them
-    by `sigma` (m)."""
-    counts = [sum((number in floors) == side for number in found) for side in (False, True)]
-    variance = {number: s**2 * counts[number in floors] for number, (_, s) in found.items()}
-    information = sum(1 / v for v in variance.values())
-    return {
-        number: (z, float(np.sqrt(variance[number] * (1 + sigma**2 * information)))) for number, (z, _) in found.items()
-    }

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from data import SceneGraph
 from data.geometry import se2
-from matching.result import Hypothesis, MatchResult
+from matching.result import MatchResult
 from sgslam.anchoring.storey_hypotheses import Assignment
 
 Floats = NDArray[np.float64]
@@ -65,24 +65,23 @@ def differ(place: Floats, other: Floats, s: SceneGraph, metres: float = APART[0]
     return bool(off > metres or abs(se2.wrap(place[:1] - other[:1])[0]) > APART[1])
 
 
-def place_posterior(
-    match: MatchResult, image: MatchResult | None, stated: str | None, possible: Collection[str]
-) -> PlacePosterior:  # fmt: skip
+def place_posterior(match: MatchResult, image: MatchResult | None, storeys: Collection[str]) -> PlacePosterior:
     """The posterior by a matcher's answer about one floor, and by that about its mirror `image`, if it was asked.
 
-    `stated` is the storey that the user states, `possible` are those that the heights between the floors allow, all
-    where it is empty. Of a matcher that computes no probabilities, a unique answer is believed.
+    `storeys` are those that the user and the heights between the floors allow, all where it is empty. Of a matcher that
+    computes no probabilities, a unique answer is believed.
     """
-    places = [Place(h.T_a_s, h.floor, h.probability or 0.0) for h in _hypotheses(match)]
+    places = [Place(h.T_a_s, h.floor, h.probability) for h in match.hypotheses if h.probability is not None]
+    if not places and match.status == "unique" and match.T_a_s is not None:
+        places = [Place(match.T_a_s, match.floor, 1.0)]
     none = max(0.0, 1.0 - sum(place.probability for place in places))
-    allowed = {stated} if stated is not None else set(possible)
     mirrored, of_image = 0.0, () if image is None else image.hypotheses
     if places and of_image:
         # one more place, with a prior of its own
         best, unit = max(h.score for h in match.hypotheses), match.temperature
-        likely = (math.exp(min((h.score - best) / unit, 50.0)) * _prior(h.floor, allowed) for h in of_image)
+        likely = (math.exp(min((h.score - best) / unit, 50.0)) * _prior(h.floor, storeys) for h in of_image)
         mirrored = _MIRRORED * places[0].probability * max(likely)
-    places = [replace(p, probability=_prior(p.floor, allowed) * p.probability) for p in places]
+    places = [replace(p, probability=_prior(p.floor, storeys) * p.probability) for p in places]
     total = none + mirrored + sum(place.probability for place in places)
     places = [replace(place, probability=place.probability / max(total, 1e-12)) for place in places]
     return PlacePosterior(tuple(sorted(places, key=lambda p: -p.probability)), mirrored / max(total, 1e-12))
@@ -112,50 +111,31 @@ def lead(probabilities: Sequence[float]) -> float:
 
 
 def joint_posterior(
-    matches: Mapping[int, MatchResult], graphs: Mapping[int, SceneGraph], possible: list[Assignment]
-) -> tuple[Assignment, PlacePosterior]:  # fmt: skip
-    """The posterior by the answers about several floors of one map, which are at one place in plan view.
+    known: Mapping[int, PlacePosterior], graphs: Mapping[int, SceneGraph], possible: list[Assignment]
+) -> tuple[Assignment, PlacePosterior]:
+    """The posterior by what is `known` of several floors of one map, which are at one place in plan view.
 
     The storeys of the floors are one of the `possible` assignments; returned is that of the best place, and the places
     of the first floor. Floors whose graph does not show where it is leave it to the others.
     """
-    known = {k: _hypotheses(match) for k, match in matches.items()}
-    in_plan = {k: sum(h.probability or 0.0 for h in hypotheses) for k, hypotheses in known.items()}
-    found: list[tuple[Assignment, Floats, float]] = []
+    in_plan = {k: sum(place.probability for place in own.places) for k, own in known.items()}
+    unlisted = {k: _UNLISTED * share + (1 - share) for k, share in in_plan.items()}
+    found: list[tuple[float, Assignment, Place]] = []
     for assigned in possible:
-        own = {k: [h for h in known[k] if h.floor == assigned.get(k)] for k in known}
-        for T in (np.array(h.T_a_s) for hypotheses in own.values() for h in hypotheses):
-            if any(a == assigned and not _differ_for_any(T, other, graphs) for a, other, _ in found):
-                continue
-            weight = 1.0
-            for k, hypotheses in own.items():
-                near = [h.probability or 0.0 for h in hypotheses if not differ(T, np.array(h.T_a_s), graphs[k])]
-                weight *= sum(near) or _UNLISTED * in_plan[k] + (1 - in_plan[k])
-            found.append((assigned, T, weight))
+        distinct: list[Floats] = []
+        for place in (p for k, own in known.items() for p in own.places if p.floor == assigned.get(k)):
+            T = np.array(place.T_a_s)
+            if all(any(differ(T, other, graph) for graph in graphs.values()) for other in distinct):
+                distinct.append(T)
+                weight = math.prod(own.at(T, assigned.get(k), graphs[k]) or unlisted[k] for k, own in known.items())
+                found.append((weight, assigned, place))
     if not found:
         return {}, PlacePosterior()
-    found.sort(key=lambda place: -place[2])
-    total, some = sum(weight for _, _, weight in found), max(in_plan.values())
-    first = min(matches)
-    places = tuple(
-        Place((float(T[0]), float(T[1]), float(T[2])), a.get(first), some * weight / total) for a, T, weight in found
-    )
-    return found[0][0], PlacePosterior(places)
+    found.sort(key=lambda one: -one[0])
+    share, first = max(in_plan.values()) / sum(weight for weight, _, _ in found), min(known)
+    places = (Place(place.T_a_s, assigned.get(first), share * weight) for weight, assigned, place in found)
+    return found[0][1], PlacePosterior(tuple(places))
 
 
-def _hypotheses(match: MatchResult) -> tuple[Hypothesis, ...]:
-    """The hypotheses of an answer with their probabilities; its place alone, if it has none with a probability."""
-    if any(h.probability is not None for h in match.hypotheses):
-        return match.hypotheses
-    if match.status != "unique" or match.T_a_s is None:
-        return ()
-    return (Hypothesis(0.0, match.T_a_s, match.floor, probability=1.0),)
-
-
-def _prior(floor: str | None, allowed: Collection[str]) -> float:
-    """Of a storey, if the true one is probably `allowed`; all are where that is empty."""
-    return 1.0 if not allowed or floor in allowed else _MISSTATED
-
-
-def _differ_for_any(T: Floats, other: Floats, graphs: Mapping[int, SceneGraph]) -> bool:
-    return any(differ(T, other, graph) for graph in graphs.values())
+def _prior(floor: str | None, storeys: Collection[str]) -> float:
+    return 1.0 if not storeys or floor in storeys else _MISSTATED

@@ -1,15 +1,9 @@
-"""The plan in which a map is anchored, and where the walls of a map at a place stand in it."""
-
-from dataclasses import replace
+"""The plan in which a map is anchored."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data import LevelSurface, SceneGraph
-from matching.result import MatchResult
-from sgslam.anchoring.place_posterior import Place
-from sgslam.anchoring.wall_association import GATE_ANGLE, WallArrays, associate_walls
-from sgslam.config import AnchorSettings
 
 Floats = NDArray[np.float64]
 
@@ -23,58 +17,36 @@ class Plan:
 
     def __init__(self, a_graph: SceneGraph, partial: bool = False) -> None:
         self.a_graph, self.partial = a_graph, partial
-        elevations = [floor.elevation for floor in a_graph.floors if floor.elevation is not None]
-        self.origin: Floats = np.array([*a_graph.centroid(), min(elevations, default=0.0)])
-        self._storeys: dict[str, SceneGraph] = {}
+        self._elevations = {floor.id: floor.elevation for floor in a_graph.floors if floor.elevation is not None}
+        self.origin: Floats = np.array([*a_graph.centroid(), min(self._elevations.values(), default=0.0)])
+        self._shift = np.array([0.0, *self.origin[:2]])
+        self._storeys: dict[str | None, SceneGraph] = {None: a_graph}
 
     def storey(self, storey: str | None) -> SceneGraph:
-        """The A-graph of a storey by its id, always the same object; the whole A-graph for None."""
-        if storey is None:
-            return self.a_graph
+        """The A-graph of a storey by its id; the whole A-graph for None."""
         if storey not in self._storeys:
             self._storeys[storey] = self.a_graph.on_floor(storey)
         return self._storeys[storey]
 
-    def height(self, storey: str | None) -> float | None:
-        """Height (m) of a storey's floor in the local frame; None where the plan does not give it."""
-        elevation = next((f.elevation for f in self.a_graph.floors if f.id == storey), None)
-        return None if elevation is None else elevation - float(self.origin[2])
+    def height(self, storey: str | None) -> float:
+        """Height (m) of a storey's floor in the local frame; 0 where the plan does not give it."""
+        elevation = None if storey is None else self._elevations.get(storey)
+        return 0.0 if elevation is None else elevation - float(self.origin[2])
 
     def levels(self, storey: str | None) -> tuple[LevelSurface, ...]:
         """The level surfaces of a storey; where the plan has none, its floor at its elevation, if that is known."""
         graph = self.storey(storey)
-        floor = next((f for f in self.a_graph.floors if f.id == storey), None)
-        if graph.level_surfaces or floor is None or floor.elevation is None or not graph.wall_surfaces:
+        if graph.level_surfaces or storey not in self._elevations or not graph.wall_surfaces:
             return graph.level_surfaces
         ends = np.array([end for surface in graph.wall_surfaces for end in surface.ends()])
         (x0, y0), (x1, y1) = ends.min(axis=0).tolist(), ends.max(axis=0).tolist()
         corners = (x0, y0), (x1, y0), (x1, y1), (x0, y1)
-        return (LevelSurface(floor.id, (0.0, 0.0, 1.0, -floor.elevation), corners, floor=storey),)
+        return (LevelSurface(storey, (0.0, 0.0, 1.0, -self._elevations[storey]), corners, floor=storey),)
 
     def T_a_s(self, place: Floats) -> Floats:  # noqa: N802
         """(3,) yaw x y in the BIM frame of a place (3,) in the local frame."""
-        return np.asarray(place + np.array([0.0, *self.origin[:2]]))
+        return np.asarray(place + self._shift)
 
-
-def match_at(place: Place, match: MatchResult, s: SceneGraph, a: SceneGraph, settings: AnchorSettings) -> MatchResult:
-    """The unique answer that the S-graph lies at a `place` among the hypotheses of `match`.
-
-    Where it is not the first of them, walls are paired with those of the storey `a` by position.
-    """
-    own = match.T_a_s == place.T_a_s and match.floor == place.floor
-    walls = match.wall_surfaces if own else _pairs(s, a, np.array(place.T_a_s), place.probability, settings)
-    return replace(
-        match, status="unique", rooms=match.rooms if own else (), wall_surfaces=walls,
-        T_a_s=place.T_a_s, floor=place.floor,
-    )  # fmt: skip
-
-
-def _pairs(
-    s: SceneGraph, a: SceneGraph, T_a_s: Floats, confidence: float, settings: AnchorSettings
-) -> tuple[tuple[str, str, float], ...]:
-    """(S id, A id, confidence) of the wall surfaces at the same position."""
-    seen, planned = list(s.wall_surfaces), list(a.wall_surfaces)
-    s_rooms, a_rooms = ({room.id: k for k, room in enumerate(graph.rooms)} for graph in (s, a))
-    placed = WallArrays.of(seen, s_rooms, np.zeros(2)).moved(T_a_s)
-    at = associate_walls(placed, WallArrays.of(planned, a_rooms, np.zeros(2)), settings.reach, GATE_ANGLE)
-    return tuple((seen[i].id, planned[j].id, confidence) for i, j in enumerate(at.tolist()) if j >= 0)
+    def in_local(self, T_a_s: tuple[float, float, float]) -> Floats:
+        """(3,) the place in the local frame of one in the BIM frame."""
+        return np.asarray(np.array(T_a_s) - self._shift)

@@ -6,23 +6,22 @@ mode of what the walls suggest, not their mean: a third or even half of them may
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
+from data.geometry import se2
 from sgslam.geometry.compiled import add_row, solved
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 _LISTED = 60  # walls whose pairs propose places, the longest first
-_SEARCHED = 0.6  # m around the first guess
-_SCALES = (0.05, 0.035, 0.025)  # m, of the Geman-McClure loss, decreasing
-_REFINED = 5  # places that are refined
-_DISTINCT = 0.03  # m between two of them
-_MAX_TURN = np.radians(6.0)
-_GATES = (0.025, 0.06)  # m, limits of the gate, which follows the scatter of the walls
-_LEAST_SPREAD = 0.5  # of the normals' second singular value
+_SCALES = (0.05, 0.035, 0.025)  # m, of the Geman-McClure loss, decreasing; the last is the narrowest gate, too
+_WIDEST_GATE = 0.06  # m; the gate follows the scatter of the walls
+_REFINED = 3  # places that are refined
+_ACROSS = 0.5  # sine of the angle between walls that fix a place together
 
 
 @dataclass(frozen=True)
@@ -41,10 +40,7 @@ class Pairs:
 
     def offsets(self, T_plan_map: Floats) -> Floats:
         """(N,) or (K, N) offsets (m) of the mapped walls before their planned ones, under motions (..., 3), yaw x y."""
-        yaw = T_plan_map[..., 0, None, None]
-        x, y = self.seen[:, :1], self.seen[:, 1:]
-        turned = np.concatenate([np.cos(yaw) * x - np.sin(yaw) * y, np.sin(yaw) * x + np.cos(yaw) * y], axis=-1)
-        away = turned + T_plan_map[..., None, 1:] - self.planned
+        away = se2.apply(T_plan_map[..., None, :], self.seen) - self.planned
         return np.asarray(np.sum(away * self.planned_normal, axis=-1))
 
     def turns(self, T_plan_map: Floats) -> Floats:
@@ -59,8 +55,7 @@ class Pairs:
         return np.asarray(np.sqrt(np.minimum(total, 6.0) / np.maximum(total, 1e-9) ** 2)[self.unit] * self.length)
 
 
-@dataclass(frozen=True)
-class Consensus:
+class Consensus(NamedTuple):
     """The place `T_plan_map` (3,), yaw x y; `agree` (N,) flags walls within `gate` (m), with `share` of the votes."""
 
     T_plan_map: Floats
@@ -69,31 +64,30 @@ class Consensus:
     share: float
 
 
-def find_consensus(pairs: Pairs, T_plan_map: Floats, max_turn: float) -> Consensus | None:
-    """The place that most walls agree on, within half a metre of a rough `T_plan_map` (3,); `max_turn` is in radians.
+def find_consensus(pairs: Pairs, T_plan_map: Floats) -> Consensus | None:
+    """The place that most walls agree on, near a rough `T_plan_map` (3,).
 
     Each pair of walls that are not parallel proposes a place. The places are scored by the votes of all walls under a
     Geman-McClure loss; the best are refined by reweighted least squares. None where fewer than three units agree, or
     their normals leave a direction free.
     """
-    turns = pairs.turns(T_plan_map)
-    usable = np.abs(turns) < _MAX_TURN
-    votes = np.where(usable, pairs.votes(), 0.0)
-    if not usable.any():
+    votes, start = pairs.votes(), T_plan_map.copy()
+    if not len(votes):
         return None
-    start = T_plan_map.copy()
-    start[0] -= _weighted_median(turns[usable], votes[usable])
-    found = [_refined(pairs, votes, place) for place in _places(pairs, votes, start)]
+    start[0] -= _weighted_median(pairs.turns(T_plan_map), votes)
+    middle, scales = np.average(pairs.seen, axis=0, weights=votes), np.repeat(_SCALES, 4)
+    walls = pairs.seen, pairs.planned, pairs.planned_normal
+    found = [_refined(*walls, votes, middle, place, scales) for place in _places(pairs, votes, start)]
     if not found:
         return None
     best = max(found, key=lambda T: _support(pairs, votes, T[None], _SCALES[-1])[0])
     off = np.abs(pairs.offsets(best))
-    near = usable & (off < _GATES[1])
+    near = off < _WIDEST_GATE
     if not near.any():
         return None
     scatter = 1.48 * _weighted_median(off[near], votes[near])
-    gate = float(np.clip(3.5 * scatter, *_GATES))
-    agree = near & (off < gate) & (np.abs(pairs.turns(best)) < max_turn)
+    gate = float(np.clip(3.5 * scatter, _SCALES[-1], _WIDEST_GATE))
+    agree = off < gate
     if not determined(pairs.planned_normal[agree]) or len(np.unique(pairs.unit[agree])) < 3:
         return None
     return Consensus(best, agree, gate, float(votes[agree].sum() / votes.sum()))
@@ -101,30 +95,28 @@ def find_consensus(pairs: Pairs, T_plan_map: Floats, max_turn: float) -> Consens
 
 def determined(normals: Floats) -> bool:
     """Whether walls with these normals (N, 2) constrain all directions, so that their offsets determine a place."""
-    return len(normals) >= 2 and bool(np.linalg.svd(normals, compute_uv=False)[1] >= _LEAST_SPREAD)
+    return len(normals) >= 2 and bool(np.linalg.svd(normals, compute_uv=False)[1] >= _ACROSS)
 
 
 def _places(pairs: Pairs, votes: Floats, start: Floats) -> list[Floats]:
     """The best-supported of the places (3,) that pairs of walls propose, with the heading of `start`."""
     listed = np.argsort(-votes, kind="stable")[:_LISTED]
-    listed = listed[votes[listed] > 0]
     i, j = (listed[part] for part in np.triu_indices(len(listed), 1))
     n, m = pairs.planned_normal[i], pairs.planned_normal[j]
     sine = n[:, 0] * m[:, 1] - n[:, 1] * m[:, 0]
-    apart = np.abs(sine) > 0.5
+    apart = np.abs(sine) > _ACROSS
     if not apart.any():
         return []
     i, j, n, m, sine = i[apart], j[apart], n[apart], m[apart], sine[apart]
     off = pairs.offsets(start)
     # n.t = -off_i and m.t = -off_j
     step = np.column_stack([off[j] * n[:, 1] - off[i] * m[:, 1], off[i] * m[:, 0] - off[j] * n[:, 0]]) / sine[:, None]
-    step = step[np.hypot(step[:, 0], step[:, 1]) < _SEARCHED]
     places = start + np.column_stack([np.zeros(len(step)), step])
     places = np.concatenate([start[None], places])
     order = np.argsort(-_support(pairs, votes, places, _SCALES[0]), kind="stable")
     kept: list[Floats] = []
     for k in order.tolist():
-        if all(np.hypot(*(places[k] - other)[1:]) > _DISTINCT for other in kept):
+        if all(np.hypot(*(places[k] - other)[1:]) > _SCALES[-1] for other in kept):
             kept.append(places[k])
         if len(kept) == _REFINED:
             break
@@ -136,16 +128,11 @@ def _support(pairs: Pairs, votes: Floats, places: Floats, scale: float) -> Float
     return np.asarray((votes * scale**2 / (scale**2 + pairs.offsets(places) ** 2)).sum(axis=1))
 
 
-def _refined(pairs: Pairs, votes: Floats, place: Floats) -> Floats:
-    middle = np.average(pairs.seen, axis=0, weights=votes)
-    return _stepped(pairs.seen, pairs.planned, pairs.planned_normal, votes, middle, place, np.repeat(_SCALES, 4))
-
-
 @compiled
-def _stepped(
+def _refined(
     seen: Floats, planned: Floats, planned_normal: Floats, votes: Floats, middle: Floats, place: Floats, scales: Floats
 ) -> Floats:
-    """One step of reweighted least squares for each scale; rotations are about the `middle` (2,)."""
+    """A place after a step of reweighted least squares for each scale; rotations are about the `middle` (2,)."""
     yaw, x, y = place
     J = np.empty(3)
     for scale in scales:
@@ -169,6 +156,4 @@ def _stepped(
 
 
 def _weighted_median(values: Floats, weights: Floats) -> float:
-    order = np.argsort(values, kind="stable")
-    total = np.cumsum(weights[order])
-    return float(values[order][min(int(np.searchsorted(total, total[-1] / 2)), len(values) - 1)])
+    return float(np.quantile(values, 0.5, weights=weights, method="inverted_cdf"))

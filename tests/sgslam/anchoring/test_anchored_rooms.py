@@ -16,7 +16,6 @@ from sgslam.mapping.keyframes import RoomNode
 SEEN = WallSurface("s", "r", (1.0, 0.0), (0.0, 1.0), 2.0, height=(0.0, 2.0))
 PLANNED = WallSurface("a", "A", (1.0, 0.0), (0.0, 1.0), 2.0)
 SCENE = Scene(SceneGraph("map", (Room("r", (1.0, 1.0)),), (SEEN,)), {"s": 7, "t": 8}, [], {})
-Rooms = dict[tuple[str, str], dict[int, NDArray[np.float64]]]
 
 
 def wall(
@@ -51,8 +50,7 @@ def test_a_room_is_that_of_the_match_unless_most_of_its_walls_stand_elsewhere(
     assert matched_rooms([wall(*own) for own in in_rooms], match, 0.4) == expected
 
 
-@pytest.mark.parametrize(("matched", "by"), [({(7, "a")}, "match 3"), (set(), "position")])
-def test_statuses_say_why_a_wall_anchors_the_map(matched: set[tuple[int, str]], by: str) -> None:
+def test_statuses_say_why_a_wall_anchors_the_map() -> None:
     tight, loose = wall("r", "A"), wall("r", "A", off=-0.1)
     for walls, state, why in (
         ((tight,), "tight", "as planned within 30 mm"),
@@ -60,31 +58,45 @@ def test_statuses_say_why_a_wall_anchors_the_map(matched: set[tuple[int, str]], 
         ((tight, loose), "tight", "as planned"),  # two pieces of one wall at one planned surface
         ((loose, tight), "tight", "as planned"),
     ):
-        found = anchor_statuses(of(*walls), SCENE, matched, "match 3")[7, "a"]
-        assert (found.state, found.by) == (state, by) and found.why.startswith(why)
+        found = anchor_statuses(of(*walls), SCENE, "match 3")[7, "a"]
+        assert (found.state, found.by) == (state, "match 3") and found.why.startswith(why)
 
 
-def anchored(*walls: AlignedWall) -> tuple[dict[int, list[PlannedWall]], Rooms]:
+def anchored(*walls: AlignedWall) -> dict[int, list[PlannedWall]]:
     """In a local frame whose origin is at y = 3 m, in which the map lies 5 m high."""
-    statuses = anchor_statuses(of(*walls), SCENE, set(), "match 1")
+    statuses = anchor_statuses(of(*walls), SCENE, "match 1")
     return planned_walls(of(*walls), SCENE, statuses, pose(0.0, 0.0, 5.0), np.array([0.0, 3.0, 0.0]))
 
 
-def test_all_walls_are_anchored_and_those_that_agree_anchor_their_rooms() -> None:
-    other = wall("r", "A", ids="td")
-    found, by_rooms = anchored(wall("r", "A", off=0.1), other)
+def test_all_walls_are_anchored_at_their_planned_planes() -> None:
+    found = anchored(wall("r", "A", off=0.1), wall(None, "A", ids="td"))
     assert {w: [p.a_id for p in planned] for w, planned in found.items()} == {7: ["a"], 8: ["d"]}
-    assert {rooms: list(walls) for rooms, walls in by_rooms.items()} == {("r", "A"): [8]}
-    assert not anchored(wall(None, "A"))[1] and not anchored(wall("r", None))[1]
     assert found[7][0].plane == pytest.approx([0.0, 1.0, 0.0, 3.0])
     assert found[7][0].place == pytest.approx([1.0, 0.0, 6.0])
 
 
-def test_a_room_is_anchored_by_walls_of_two_directions_in_one_planned_room() -> None:
-    planes = {1: np.array([1.0, 0, 0, 0]), 2: np.array([0, 1.0, 0, 0]), 3: np.array([-1.0, 0, 0, 4.0])}
-    in_room = {k: plane + np.array([0, 0, 0, 2.0 * plane[0] + plane[1]]) for k, plane in planes.items()}
-    scene = Scene(SCENE.graph, {}, [RoomNode(5, np.eye(4), in_room)], {5: "r"})
-    found = room_anchors(scene, {("r", "A"): planes, ("r", "B"): {1: planes[1]}, ("q", "C"): planes}, 1.5)
-    assert found[5][:3, 3] == pytest.approx([2.0, 1.0, 1.5])
-    assert room_anchors(scene, {("r", "A"): {k: planes[k] for k in (1, 3)}}, 1.5) == {}
-    assert room_anchors(scene, {("q", "C"): planes}, 1.5) == {}
+def test_a_room_is_anchored_by_agreeing_walls_of_two_directions_in_one_planned_room() -> None:
+    """The room's origin is at (2, 1) in the plan, whose local frame is 3 m aside."""
+    origin, sides = np.array([3.0, 0.0, 0.0]), {"t": (0.0, 1.0), "u": (1.0, 0.0), "v": (0.0, -1.0)}
+    seen = {k: replace(SEEN, id=k, normal=normal) for k, normal in sides.items()}
+    planned = {k: replace(PLANNED, id=k, normal=normal, centroid=(5.0, 1.0)) for k, normal in sides.items()}
+    in_room = {k: np.array([*normal, 0.0, 0.0]) for k, normal in enumerate(sides.values())}
+    scene = Scene(SCENE.graph, {k: n for n, k in enumerate(sides)}, [RoomNode(5, np.eye(4), in_room)], {5: "r"})
+
+    def rooms(ids: str, room: str | None = "r", a_room: str | None = "A", off: float = 0.0) -> list[AlignedWall]:
+        return [AlignedWall(replace(seen[k], room=room), replace(planned[k], room=a_room), off, not off) for k in ids]
+
+    def found(*walls: AlignedWall) -> list[NDArray[np.float64]]:
+        return [T[:3, 3] for T in room_anchors(of(*walls), scene, origin, 1.5).values()]
+
+    assert found(*rooms("tuv"), *rooms("t", a_room="B"))[0] == pytest.approx([2.0, 1.0, 1.5])
+    assert found(*rooms("tu"), *rooms("v", off=0.1))[0] == pytest.approx([2.0, 1.0, 1.5])
+    for walls in (
+        rooms("tv"),  # of one direction
+        rooms("tuv", room="q"),
+        rooms("tuv", room=None),
+        rooms("tuv", a_room=None),
+        rooms("tuv", off=0.1),
+        [*rooms("t"), *rooms("u", a_room="B")],
+    ):
+        assert not found(*walls)

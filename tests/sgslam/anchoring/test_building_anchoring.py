@@ -22,7 +22,7 @@ def test_a_floor_takes_its_place_from_another_and_from_its_height(base: str) -> 
     assert anchoring.reason == "too little was seen to try a match" and anchoring.committed is None
     one = own.update()
     assert own.storeys == [base, "storey 1"]
-    assert not anchoring.of(0).commitment.follows and anchoring.of(1).commitment.follows
+    assert not anchoring.of(0).follows and anchoring.of(1).follows
     assert anchoring.committed is anchoring.of(0)
     assert anchoring.of(1).height - anchoring.of(0).height == pytest.approx(HIGHER)
     assert "no other place explains the map nearly as well" in anchoring.reason
@@ -89,7 +89,7 @@ def test_a_given_storey_is_contradicted_where_another_explains_the_map_better(st
 def test_where_heights_fit_no_storeys_each_floor_needs_an_answer(base: str) -> None:
     own = Anchored(storeys(0.6), two_floors(apart=1.5))
     own.update()
-    assert own.storeys == [base] * 2 and not own.anchoring.of(1).commitment.follows
+    assert own.storeys == [base] * 2 and not own.anchoring.of(1).follows
 
 
 def cut(walls: int) -> SceneGraph:
