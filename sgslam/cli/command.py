@@ -17,7 +17,6 @@ COMMANDS = {  # the module whose `main` is called, and a line for the help
     "live": ("sgslam.live.__main__", "track scans as they arrive, and print pose and health of each"),
     "anchor": ("sgslam.other_slam.anchor", "anchor another SLAM system's finished output to a plan"),
     "view": ("sgslam.cli.view", "show finished runs in the browser"),
-    "show": ("sgslam.cli.show", "show a finished run in Open3D's viewer"),
     "match": ("matching.match", "find where a map (S-graph) is in a plan (A-graph)"),
     "inspect-bim": ("sgslam.cli.inspect_bim", "check a plan: gaps, symmetries, rooms needed to localise"),
     "export": ("sgslam.cli.export", "export a finished run to the formats of other programs"),
@@ -49,8 +48,8 @@ def call(arguments: list[str]) -> int | None:
         print(f"sgslam {version('sgslam')}")
         return 0
     if name not in COMMANDS:
-        near = difflib.get_close_matches(name, COMMANDS, 1, 0.0)[0]
-        raise UserError(f"no command '{name}'; did you mean '{near}'? 'sgslam --help' lists all commands")
+        near = "".join(f"; did you mean '{own}'?" for own in difflib.get_close_matches(name, COMMANDS, 1))
+        raise UserError(f"no command '{name}'{near or ';'} 'sgslam --help' lists all commands")
     module = COMMANDS[name][0]
     if message := foreign_package(module.partition(".")[0]):
         raise UserError(message)

@@ -2,6 +2,5 @@
 
 from sgslam.cloud_to_model.distances import CloudToModel, distances_to_model
 from sgslam.cloud_to_model.library import load_open3d
-from sgslam.cloud_to_model.scene import open3d_scene
 
-__all__ = ["CloudToModel", "distances_to_model", "load_open3d", "open3d_scene"]
+__all__ = ["CloudToModel", "distances_to_model", "load_open3d"]

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from data.common.errors import UserError
 from data.geometry.poses import xyzquat_to_poses
-from data.scene_graph import WALL_HEIGHT, SceneGraph, WallSurface
+from data.scene_graph import SceneGraph
 from sgslam.as_built.elements.files import JSON as ELEMENTS
 from sgslam.config import Config
 from sgslam.config.loading import load_config
-from sgslam.geometry.frames import transform_points
 from sgslam.mapping import KeyframeClouds
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.mapping.keyframe_clouds import cloud_map
@@ -116,10 +115,3 @@ class RunFolder:
         """The point cloud map (N, 3) in voxels of this side (m), and unit vectors (N, 3) towards the sensor. Raises
         UserError where the keyframes' clouds are missing."""
         return cloud_map(KeyframeClouds.open(self.path / CLOUDS), self.poses_by_keyframe, voxel)
-
-    def corners(self, surface: WallSurface) -> Floats:
-        """(4, 3) of a wall surface of the S-graph: the two lower ends, then the upper ones."""
-        ground = next((f.elevation for f in self.s_graph.floors if f.id == surface.floor), None) or 0.0
-        heights = surface.height or (0.0, WALL_HEIGHT)
-        corners = np.array([(*end, ground + z) for z in heights for end in surface.ends()])
-        return transform_points(self._T_frame_map, corners)

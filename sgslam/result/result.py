@@ -16,7 +16,6 @@ from data.trajectory import Trajectory
 from sgslam.backend import FactorLog
 from sgslam.config import Config
 from sgslam.mapping import KeyframeClouds
-from sgslam.mapping.keyframe_clouds import cloud_map
 from sgslam.session.checkpoints import Checkpoints, Resumable
 from sgslam.session.place_report import PlaceReport
 from sgslam.session.soundness.quality import Quality
@@ -127,17 +126,6 @@ class Result:
 
         assert self.a_graph is not None
         return bodies_of(self.a_graph), gaps_of(self.a_graph)
-
-    def to_open3d(self) -> list[Any]:
-        """The map's points, the path of the sensor and the walls, in the frame of `trajectory`, as geometries for
-        `open3d.visualization.draw_geometries`. Needs the extra `open3d`; raises UserError without it."""
-        from sgslam.cloud_to_model import open3d_scene
-        from sgslam.report import RunFolder
-
-        run = RunFolder(Path(), self.s_graph, self.a_graph, self.T_bim_map, {}, [])
-        points, _ = cloud_map(self.clouds, run.poses_by_keyframe, self.config.clouds.map_voxel)
-        walls = [run.corners(surface) for surface in self.s_graph.wall_surfaces]
-        return open3d_scene(points, self.trajectory.positions, walls)
 
     def save(self, out: Path | str) -> None:
         """Writes the folder of a run, but its log. Raises UserError if it cannot be written to or the disk is full.
