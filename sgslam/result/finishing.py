@@ -1,7 +1,6 @@
 """Assembles the result of a run from its final map."""
 
 import logging
-import math
 from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
@@ -35,7 +34,6 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 _COVARIANCES = 50  # poses whose covariance is computed
-_NEARLY = 0.9  # probability of a place from which on the user may accept it
 _HELPS = {  # by the status of an answer of the matcher
     "ambiguous": "to tell these places apart, visit more rooms, name the storey (--storey NAME), or give a rough start "
     "pose (--start X,Y,YAW)",
@@ -73,7 +71,7 @@ def assemble_result(
     T_bim_map, reason = place.T_bim_map, place.reason
     states = ScanUncertainty.joined([place.own, *_apart(unplaced, config)])
     if T_bim_map is None:
-        advice = [*advice, *_what_helps(matches, reason), *_nearly_sure(place.place, config)]
+        advice = [*advice, *_what_helps(matches, reason)]
         apart = int((states.part > 0).sum())
         if apart and anchoring is not None:
             reason = f"{reason}; the map has several parts: {apart} of {len(states.part)} scans are not in the first"
@@ -163,17 +161,6 @@ def _what_helps(matches: "MatchesFile | None", reason: str) -> list[str]:
     if matches is None or matches["reason"] != reason or matches["status"] not in _HELPS:
         return []
     line = _HELPS[matches["status"]]
-    _log.warning("%s", line)
-    return [line]
-
-
-def _nearly_sure(place: PlaceReport | None, config: Config) -> list[str]:
-    """A line, where a place is probable but not enough to be anchored there."""
-    is_open = place is not None and place.T_bim_map is None  # else it was refused for another reason
-    least = math.floor(1000 * place.probability) / 1000 if place is not None and is_open else 0.0
-    if not _NEARLY <= least < config.anchors.commit:
-        return []
-    line = f"the best place has a probability of {100 * least:.1f} %; --set anchors.commit={least:g} accepts that"
     _log.warning("%s", line)
     return [line]
 

@@ -4,7 +4,6 @@ In lost runs the map and the odometry disagree, keyframes see no walls, the plan
 leads through planned walls, though a place in the plan may explain the map.
 """
 
-import math
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -111,11 +110,8 @@ def contradiction(probability: float, sound: Soundness, signals: Mapping[str, fl
         "walls_looked_through": "its rays lead through {:.0%} of the walls that both have",
         "position_sigma_m": "its positions have a standard deviation of {:.2f} m",
     }[name].format(signals[name])
-    accepted = math.floor(1000 * probability) / 1000
-    return (
-        f"the map fits the plan, but {what}: the probability that it is right is {100 * probability:.1f} %; "
-        f"--set anchors.withdraw={accepted:g} accepts that"
-    )
+    right = f"the probability that it is right is {100 * probability:.1f} %"
+    return f"the map fits the plan, but {what}: {right}, and anchors.withdraw asks for {100 * withdraw:g} %"
 
 
 def _at_most(value: float, limit: float) -> Signal:
