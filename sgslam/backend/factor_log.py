@@ -1,8 +1,7 @@
 """The factor log: all factors that hold now, and every event of a factor with its time, origin and reason."""
 
-import logging
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,7 +16,6 @@ Key = tuple[int | str, ...]
 Floats = NDArray[np.float64]
 Kind = Literal["start", "odometry", "wall", "level", "room", "loop", "anchor"]
 KINDS: tuple[Kind, ...] = ("start", "odometry", "wall", "level", "room", "loop", "anchor")
-_log = logging.getLogger(__name__)
 POSE_GRAPH = "pose_graph.g2o"
 # GTSAM: rotation (rad), translation; g2o: translation, vector part of the unit quaternion (half the angle)
 _UNITS = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
@@ -40,7 +38,7 @@ class FactorEvent:
     keyframes: int
     kind: Kind
     key: Key
-    what: Literal["added", "withdrawn", "barred", "refused"]
+    what: Literal["added", "withdrawn"]
     by: str
     why: str
 
@@ -50,20 +48,15 @@ class FactorLog:
 
     def __init__(self) -> None:
         self._held: dict[Kind, dict[Key, Entry]] = {kind: {} for kind in KINDS}
-        self._barred: set[tuple[Kind, Key]] = set()
-        self._refused: set[tuple[Kind, Key]] = set()
         self.events: list[FactorEvent] = []
 
-    def state(self) -> dict[str, Any]:
-        """Returns the origins by key, and the events, as a tree; without the factors themselves."""
-        held = {kind: {key: entry.by for key, entry in entries.items()} for kind, entries in self._held.items()}
-        return {"held": held, "barred": self._barred, "refused": self._refused, "events": self.events}
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Restores what `state` returned, with the factors that are held already."""
-        for kind, held in self._held.items():
-            self._held[kind] = {key: held.get(key, Entry(None, by, "")) for key, by in state["held"][kind].items()}
-        self._barred, self._refused, self.events = state["barred"], state["refused"], state["events"]
+    def __getstate__(self) -> dict[str, Any]:
+        """The log without the factors themselves."""
+        held = {
+            kind: {key: replace(entry, factor=None) for key, entry in entries.items()}
+            for kind, entries in self._held.items()
+        }
+        return {"_held": held, "events": self.events}
 
     def held(self, kind: Kind) -> dict[Key, Entry]:
         """The factors of a kind that hold now, by key."""
@@ -74,13 +67,11 @@ class FactorLog:
         return ((kind, key, entry) for kind in KINDS for key, entry in self._held[kind].items())
 
     def hold(self, keyframes: int, kind: Kind, entries: dict[Key, Entry], gone: str) -> None:
-        """Replaces the factors of a kind by `entries`, without those that are barred.
+        """Replaces the factors of a kind by `entries`.
 
         New keys are logged as added, missing ones as withdrawn for the reason `gone`; known keys are updated.
         """
         before = self._held[kind]
-        if self._barred:
-            entries = {key: entry for key, entry in entries.items() if (kind, key) not in self._barred}
         for key in [key for key in before if key not in entries]:
             self.events.append(FactorEvent(keyframes, kind, key, "withdrawn", before[key].by, gone))
         for key, entry in entries.items():
@@ -93,23 +84,6 @@ class FactorLog:
         self._held[kind][key] = entry
         self.events.append(FactorEvent(keyframes, kind, key, "added", entry.by, entry.why))
 
-    def withdraw(self, keyframes: int, kind: Kind, keys: list[Key], why: str, *, for_good: bool = False) -> None:
-        """Removes factors; `for_good` bars their keys from being added again."""
-        for key in keys:
-            entry = self._held[kind].pop(key)
-            what: Literal["barred", "withdrawn"] = "barred" if for_good else "withdrawn"
-            self.events.append(FactorEvent(keyframes, kind, key, what, entry.by, why))
-            _log.warning("factor %s %s, by %s, is %s: %s", kind, "/".join(map(str, key)), entry.by, what, why)
-            if for_good:
-                self._barred.add((kind, key))
-
-    def refuse(self, keyframes: int, kind: Kind, key: Key, by: str, why: str) -> None:
-        """Logs, once, a factor that could not be built."""
-        if (kind, key) not in self._refused:
-            self._refused.add((kind, key))
-            self.events.append(FactorEvent(keyframes, kind, key, "refused", by, why))
-            _log.warning("factor %s %s, by %s, is refused: %s", kind, "/".join(map(str, key)), by, why)
-
     def graph(self, of: Callable[[Kind, Key], bool] = lambda kind, key: True) -> gtsam.NonlinearFactorGraph:
         """Builds the factor graph of all factors that hold now, or of those that are chosen."""
         graph = gtsam.NonlinearFactorGraph()
@@ -118,21 +92,9 @@ class FactorLog:
                 graph.add(entry.factor)
         return graph
 
-    def unsound(self, values: gtsam.Values) -> Iterator[tuple[Kind, Key, str]]:
-        """The factors with a non-finite error at `values`, each with the reason."""
-        for kind, key, entry in self:
-            try:
-                error = 0.0 if entry.factor is None else entry.factor.error(values)
-            except RuntimeError as refused:
-                yield kind, key, f"GTSAM refuses it ({str(refused).strip().partition(chr(10))[0]})"
-            else:
-                if not np.isfinite(error):
-                    yield kind, key, f"its error is {error}"
-
     def counts(self) -> dict[Kind, dict[str, int]]:
-        """Counts of each kind: factors that hold, and those added, withdrawn, barred and refused so far."""
-        none = {"added": 0, "withdrawn": 0, "barred": 0, "refused": 0}
-        counted = {kind: {"held": len(self._held[kind]), **none} for kind in KINDS}
+        """Counts of each kind: factors that hold, and those added and withdrawn so far."""
+        counted = {kind: {"held": len(self._held[kind]), "added": 0, "withdrawn": 0} for kind in KINDS}
         for event in self.events:
             counted[event.kind][event.what] += 1
         return counted

@@ -9,12 +9,12 @@ from typing import Any, Literal
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import F, P, R, W, X
+from gtsam.symbol_shorthand import F, P, R, X
 from numpy.typing import NDArray
 
 import factors
 from sgslam.backend.factor_log import Entry, FactorLog, Key, Kind
-from sgslam.backend.variables import BIM, GROUND, IDENTITY, LEVEL, SAME, GraphInputs, middles, planned_walls
+from sgslam.backend.variables import BIM, GROUND, IDENTITY, LEVEL, SAME, GraphInputs
 from sgslam.config import Config
 from sgslam.config.sensor import BUILDING
 from sgslam.mapping import SMOOTHED, Anchors, Closure, KeyframeNode, PlannedWall, RoomNode, SeenLevel, SeenWall
@@ -58,25 +58,14 @@ class GraphBuilder:
         prior = gtsam.PriorFactorPose3(X(i), gtsam.Pose3(T_map_sensor), factors.noise_of_pose(0.1, 1.0))
         self._log.add(i + 1, "start", ("found", i), Entry(prior, "match", "the place where the sensor was found again"))
 
-    def bridge(self, i: int) -> None:
-        """Adds a loose factor in place of an unusable step: keyframe i is near the one before it."""
-        factor = gtsam.BetweenFactorPose3(X(i - 1), X(i), gtsam.Pose3(), factors.noise_of_pose(1.0, 2.0))
-        entry = Entry(factor, "back end", "in place of a step that could not be used")
-        self._log.add(len(self._keyframes), "odometry", (i, "bridge"), entry)
-
     def _entry(
         self, kind: Kind, key: Key, by: str, why: str, build: Callable[..., gtsam.NonlinearFactor], *arguments: Any
     ) -> dict[Key, Entry]:
-        """The factor by its key, as it was held before where it does not change; nothing, and a log event, where its
-        numbers are refused."""
+        """The factor by its key, as it was held before where it does not change."""
         before = self._log.held(kind).get(key) if kind in ("wall", "level", "loop") else None
         if before is not None and before.factor is not None:
             return {key: before}
-        try:
-            return {key: Entry(build(*arguments), by, why)}
-        except ValueError as error:
-            self._log.refuse(len(self._keyframes), kind, key, by, str(error))
-            return {}
+        return {key: Entry(build(*arguments), by, why)}
 
     def hold_walls(self, seen: list[SeenWall]) -> dict[int, int]:
         """Adds the walls seen from two keyframes or more; returns the keyframe in whose frame each is estimated."""
@@ -199,13 +188,13 @@ class GraphBuilder:
         if (anchors := inputs.anchors) is not None:
             prior = gtsam.PriorFactorPose3(BIM, gtsam.Pose3(anchors.T_map_local), factors.noise_of_pose(1.0, 100.0))
             entries["frame",] = Entry(prior, anchors.by, "a loose prior of the BIM frame")
-            for frame, wall, planned in _frames(inputs):
+            for frame, wall, planned in inputs.wall_frames:
                 key: Key = ("wall", wall, planned.a_id or str(gtsam.symbolIndex(frame)))
                 factor = self._anchor, frame, wall, planned, inputs.anchor_of[wall]
                 entries |= self._place(key, planned.by, "a frame near the wall", planned.place, frame)
                 entries |= self._entry("anchor", key, planned.by, planned.why, *factor)
             rooms = {room.id for room in inputs.rooms}
-            entries |= self._anchored_rooms(anchors, rooms) | self._anchored_levels(anchors, inputs.anchor_of_level)
+            entries |= self._anchored_rooms(anchors, rooms) | self._anchored_levels(inputs, anchors)
         self._log.hold(len(self._keyframes), "anchor", entries, "the anchoring withdrew or changed it")
 
     def _place(self, key: Key, by: str, why: str, place: Floats, frame: int) -> dict[Key, Entry]:
@@ -214,7 +203,7 @@ class GraphBuilder:
     def directions(self, inputs: GraphInputs) -> Iterator[gtsam.NonlinearFactor]:
         """The anchors of walls by their directions alone, for a graph with anchors that leaves their places to other
         factors."""
-        for frame, wall, planned in _frames(inputs):
+        for frame, wall, planned in inputs.wall_frames:
             yield self._anchor(frame, wall, planned, inputs.anchor_of[wall], _FREE)
 
     def _anchor(
@@ -237,24 +226,17 @@ class GraphBuilder:
                 entries |= self._entry("anchor", ("room", room), anchors.by, why, *factor)
         return entries
 
-    def _anchored_levels(self, anchors: Anchors, anchor_of: dict[int, int]) -> dict[Key, Entry]:
-        entries = dict[Key, Entry]()
-        for number, (level, place) in enumerate(middles(anchors).items()):
+    def _anchored_levels(self, inputs: GraphInputs, anchors: Anchors) -> dict[Key, Entry]:
+        entries, anchor_of = dict[Key, Entry](), inputs.anchor_of_level
+        for frame, level, place in inputs.level_frames:
             if level in anchor_of:
                 noise = self._plane_noise(self._config.anchors.sigma_normal, anchors.elevations[level][1])
                 side = 1.0 if self._is_floor[level] else -1.0
-                factor = factors.storey_plane, 0.0, W(number), X(anchor_of[level]), F(level), noise, side
+                factor = factors.storey_plane, 0.0, frame, X(anchor_of[level]), F(level), noise, side
                 key, why = ("level", level), "the planned height of a floor or ceiling"
-                entries |= self._place(key, anchors.by, "a frame on the planned surface", place, W(number))
+                entries |= self._place(key, anchors.by, "a frame on the planned surface", place, frame)
                 entries |= self._entry("anchor", key, anchors.by, why, *factor)
         return entries
-
-
-def _frames(inputs: GraphInputs) -> Iterator[tuple[int, int, PlannedWall]]:
-    """The key of the frame near each anchored wall, the wall's number, and the planned one."""
-    assert inputs.anchors is not None
-    for number, own in enumerate(planned_walls(inputs.anchors, inputs.anchor_of), len(inputs.anchors.elevations)):
-        yield W(number), *own
 
 
 def _loop(closure: Closure) -> gtsam.NonlinearFactor:

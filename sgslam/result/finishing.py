@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from data import SceneGraph
 from data.trajectory import Trajectory
 from sgslam.anchoring.soundness import shipped
-from sgslam.backend import Backend, Uncertainty
+from sgslam.backend import Uncertainty
 from sgslam.config import Config
-from sgslam.result.result import PoseCovariances, Result
+from sgslam.result.result import Result
 from sgslam.session.active_map import ActiveMap
 from sgslam.session.place_report import PlaceReport
 from sgslam.session.prior_map import PriorMap
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
-_COVARIANCES = 50  # poses whose covariance is computed
 _HELPS = {  # by the status of an answer of the matcher
     "ambiguous": "to tell these places apart, visit more rooms, name the storey (--storey NAME), or give a rough start "
     "pose (--start X,Y,YAW)",
@@ -93,7 +92,6 @@ def assemble_result(
         matches=matches,
         anchors=[record.to_dict() for record in anchoring.records] if anchoring is not None else [],
         factors=backend.log,
-        pose_covariances=_covariances(backend, known, T_bim_map, run.in_map, run.begin),
         first_anchor_s=first_anchor_s,
         keyframes=len(backend.keyframes),
         seconds=dict(final.stopwatch.seconds),
@@ -187,19 +185,3 @@ def _apart(unplaced: list[PriorMap], config: Config) -> list[ScanUncertainty]:
         scan_uncertainty(part, 0, part.backend.uncertainty(), None, config, number)
         for number, part in enumerate(unplaced, 1)
     ]
-
-
-def _covariances(
-    backend: Backend, uncertainty: Uncertainty | None, T_bim_map: Floats | None, in_map: Trajectory, begin: int
-) -> PoseCovariances | None:
-    if uncertainty is None or T_bim_map is None:
-        return None
-    own = [i for i, keyframe in enumerate(backend.keyframes) if keyframe.scan >= begin]
-    places = np.unique(np.linspace(0, len(own) - 1, min(len(own), _COVARIANCES)).astype(int))
-    chosen = np.array(own)[places]
-    scans = np.searchsorted(in_map.stamps_ns, [backend.keyframes[i].stamp_ns for i in chosen])
-    covariances = uncertainty.pose_covariances(chosen.tolist())
-    order = np.argsort(scans)
-    return PoseCovariances(
-        Trajectory(in_map.stamps_ns[scans[order]], T_bim_map @ in_map.poses[scans[order]]), covariances[order]
-    )

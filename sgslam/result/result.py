@@ -31,18 +31,6 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class PoseCovariances:
-    """Covariances of some keyframe poses, evenly spaced over the run.
-
-    `trajectory` holds T_bim_sensor of these keyframes; `covariances` (N, 6, 6) are rotation first (rad), then
-    translation (m), in the sensor's axes.
-    """
-
-    trajectory: Trajectory
-    covariances: Floats
-
-
 @dataclass(frozen=True)
 class Result:
     """A finished run, in metres, radians and seconds.
@@ -54,11 +42,10 @@ class Result:
     `trajectory`, in its frame, with the poses that were estimated when the scans arrived; None without a second pass.
     `T_bim_map` (4, 4) is the map's pose in the BIM frame, None if the run is not anchored. `s_graph` is in the map
     frame; `a_graph` is in the BIM frame, None without a plan. `matches` has the form of matches.json, None if nothing
-    was matched. `anchors` is the log of
-    all anchors: what added each, and when and why it changed. `factors` is the back end's log: the active factors, and
-    those added and withdrawn. `clouds` are indexed by keyframe number, `k<number>` in the S-graph. `first_anchor_s`
-    counts from the first scan. `seconds` is the time of each stage. `earlier` are the trajectories of the prior map's
-    runs, in the frame of `trajectory`. `pose_covariances` is None if the run is not anchored, `relocalisation` is None
+    was matched. `anchors` is the log of all anchors: what added each, and when and why it changed. `factors` is the
+    back end's log: the active factors, and those added and withdrawn. `clouds` are indexed by keyframe number,
+    `k<number>` in the S-graph. `first_anchor_s` counts from the first scan. `seconds` is the time of each stage.
+    `earlier` are the trajectories of the prior map's runs, in the frame of `trajectory`. `relocalisation` is None
     without a prior map. `tracked` is the number of good, degraded and lost scans; `uncertainty` has a line for each
     scan, and `quality` says whether the map is sound. `advice` has a line for each thing that seems wrong with the
     scans or with what the user stated about them. `plan_file` is the file that the plan was read from, None if it is
@@ -77,7 +64,6 @@ class Result:
     matches: "MatchesFile | None"
     anchors: list[dict[str, Any]]
     factors: FactorLog
-    pose_covariances: PoseCovariances | None
     first_anchor_s: float | None
     keyframes: int
     seconds: dict[str, float]
