@@ -16,7 +16,7 @@ from data.trajectory import Trajectory
 from sgslam.backend import FactorLog
 from sgslam.config import Config
 from sgslam.mapping import KeyframeClouds
-from sgslam.session.checkpoints import Checkpoints, Resumable
+from sgslam.session.checkpoints import write_run
 from sgslam.session.place_report import PlaceReport
 from sgslam.session.soundness.quality import Quality
 from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from data.plans.bodies import PlannedElement
     from matching.result import MatchesFile
     from sgslam.as_built import Assessment, Deviation
+    from sgslam.session.run_state import RunState
 
 Floats = NDArray[np.float64]
 
@@ -79,7 +80,7 @@ class Result:
     trajectory_live: Trajectory | None = None
     plan_file: Path | None = None
     given: Trajectory | None = None
-    slam: Resumable | None = None
+    slam: "RunState | None" = None
 
     @property
     def deviations(self) -> "list[Deviation]":
@@ -123,7 +124,7 @@ class Result:
         out = prepare_folder(Path(out))
         save_result(self, out)
         if self.slam is not None:
-            Checkpoints(out, {}).write(self.slam, {}, finished=True)
+            write_run(out, {"finished": True}, self.slam.state())
 
     def metrics(self) -> dict[str, Any]:
         """The content of metrics.json, without the fields that the command line adds."""

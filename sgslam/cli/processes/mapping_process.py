@@ -42,8 +42,8 @@ class HeldAnchor:
 @dataclass(frozen=True, eq=False)
 class MapState:
     """The state of the map after so many `scans`; the names are those of `Answer`.
-    `checkpoint_s` is how long the last checkpoint took. `failed` says why no more scans are added.
-    `place` is the probability of the best place in the plan, and that of the runner-up."""
+    `failed` says why no more scans are added. `place` is the probability of the best place in the plan, and that of the
+    runner-up."""
 
     scans: int = 0
     part: int = 0
@@ -52,7 +52,6 @@ class MapState:
     anchors: tuple[HeldAnchor, ...] = ()
     map_stamp_ns: int | None = None
     keyframes: int = 0
-    checkpoint_s: float = 0.0
     failed: str | None = None
     place: tuple[float, float] = (0.0, 0.0)
 
