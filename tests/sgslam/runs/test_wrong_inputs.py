@@ -120,7 +120,7 @@ ANCHOR, LIVE, VIEW = "sgslam.other_slam.anchor", "sgslam.live", "sgslam.cli.view
         (f"{LIVE} scans --topic /points", "--topic /points: a folder has no topics"),
         (f"{LIVE} scans --bim empty.json", "empty.json"),
         (f"{LIVE} none", "none: does not exist"),
-        (f"{LIVE} scans --most-waiting 0", "--most-waiting"),
+        (f"{LIVE} scans --idle 0", "--idle"),
         ("sgslam.cli.inspect_bim small.ifc --maps 0", "--maps"),
         ("data.simulate --bim small.ifc --storey Ground --storey attic", "no storey 'attic'"),
         ("data.simulate --bim small.ifc --storey Ground --storey Ground", "there is no stair"),
