@@ -36,7 +36,7 @@ def out(anchored_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         done = called("sgslam.cli.export", "--out", folder, "--format", "all")
         assert done.returncode == 0, done.stderr
         assert {path.name for path in folder.iterdir()} - before == NAMES
-        assert all(name in done.stdout for name in NAMES)
+        assert all(name in done.stdout for name in NAMES) and "ifc: left out; give the run's model" in done.stdout
 
     return written_once(tmp_path_factory, "exported_run", write)
 

@@ -127,6 +127,7 @@ ANCHOR, LIVE, VIEW = "sgslam.other_slam.anchor", "sgslam.live", "sgslam.cli.view
         ("sgslam.cli.batch none.csv", "none.csv: cannot be read"),
         (f"{VIEW} nothing", "no run's folder"),
         ("sgslam.cli.export --out nothing --format ply", "no run's folder"),
+        ("sgslam.cli.export --out nothing", "--format is missing|kitti"),
         ("sgslam.as_built.compare nothing nothing", "no elements.json"),
     ],
 )
