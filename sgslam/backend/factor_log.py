@@ -92,13 +92,6 @@ class FactorLog:
                 graph.add(entry.factor)
         return graph
 
-    def counts(self) -> dict[Kind, dict[str, int]]:
-        """Counts of each kind: factors that hold, and those added and withdrawn so far."""
-        counted = {kind: {"held": len(self._held[kind]), "added": 0, "withdrawn": 0} for kind in KINDS}
-        for event in self.events:
-            counted[event.kind][event.what] += 1
-        return counted
-
 
 def write_pose_graph(path: Path, log: FactorLog, poses: Floats) -> int:
     """Writes `VERTEX_SE3:QUAT` of the keyframes, `poses` (K, 4, 4), and `EDGE_SE3:QUAT` of the motions between them.

@@ -132,7 +132,7 @@ class LiveSlam:
         config = config or Config()
         compile_ahead().wait()
         self._seconds, self._most_waiting = list[float](), 0  # of the answers
-        self._map = MappingProcess(most_waiting, warns=True)
+        self._map = MappingProcess(most_waiting)
         try:
             self._map.begin(RunInputs(options, config, PassedScans(out)))
             warm_up(config, with_map=False)  # while that process reads the building

@@ -15,10 +15,9 @@ from sgslam.backend import Uncertainty
 from sgslam.config import Config
 from sgslam.result.result import Result
 from sgslam.session.active_map import ActiveMap
-from sgslam.session.place_report import PlaceReport
 from sgslam.session.prior_map import PriorMap
 from sgslam.session.scan_poses import RunPoses, ScanPose, at_stamps, newest_run, odometry_begins, odometry_of
-from sgslam.session.soundness.quality import Quality, at_least, contradiction, placed_signals, quality_of
+from sgslam.session.soundness.quality import PlaceReport, Quality, at_least, contradiction, placed_signals, quality_of
 from sgslam.session.soundness.scan_uncertainty import (
     ScanUncertainty,
     scan_uncertainty,

@@ -10,15 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph
-from data.geometry.poses import poses_to_xyzquat
+from data.geometry.poses import poses_to_xyzquat, xyzquat_to_poses
 from data.plans.bim import IFC_SUFFIXES
 from data.trajectory import Trajectory
 from sgslam.backend import FactorLog
 from sgslam.config import Config
 from sgslam.mapping import KeyframeClouds
 from sgslam.session.checkpoints import write_run
-from sgslam.session.place_report import PlaceReport
-from sgslam.session.soundness.quality import Quality
+from sgslam.session.soundness.quality import PlaceReport, Quality
 from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
 from sgslam.types import Health, Relocalisation
 
@@ -27,6 +26,7 @@ if TYPE_CHECKING:
     from data.plans.bodies import PlannedElement
     from matching.result import MatchesFile
     from sgslam.as_built import Assessment, Deviation
+    from sgslam.as_built.elements.rays import View
     from sgslam.session.run_state import RunState
 
 Floats = NDArray[np.float64]
@@ -95,13 +95,27 @@ class Result:
         walls and levels of `a_graph`. Raises UserError for a model that cannot be read any more.
         """
         from sgslam.as_built import AnchoredMap, Assessment, assess
-        from sgslam.result.views import keyframe_views
 
         if self.T_bim_map is None or self.a_graph is None:
             return Assessment()
-        views = keyframe_views(self.s_graph, self.T_bim_map, self.uncertainty, self.clouds)
-        run = AnchoredMap(self.s_graph, self.a_graph, self.T_bim_map, self.matches, views)
+        run = AnchoredMap(self.s_graph, self.a_graph, self.T_bim_map, self.matches, self._views(self.T_bim_map))
         return assess(run, *self._planned(), self.config.as_built.tolerance, self.config.anchors.sigma_extraction)
+
+    def _views(self, T_bim_map: Floats) -> "list[View]":
+        """What the keyframes that have a cloud saw, in the BIM frame."""
+        from sgslam.as_built.elements.rays import View
+
+        keyframes, scans = self.s_graph.keyframes, self.uncertainty
+        poses = T_bim_map @ xyzquat_to_poses(np.array([keyframe.pose for keyframe in keyframes]))
+        stamps = [keyframe.stamp_ns for keyframe in keyframes]
+        sigma = scans.sigma[np.clip(np.searchsorted(scans.stamps_ns, stamps), 0, len(scans.stamps_ns) - 1)]
+        heading = np.nan_to_num(sigma[:, 5], nan=np.inf)
+        views = []
+        for keyframe, T, own, turn in zip(keyframes, poses, sigma[:, :3], heading, strict=True):
+            points = self.clouds[int(keyframe.id[1:])]
+            if len(points) and np.isfinite(own).all():
+                views.append(View(points, T, own, float(turn)))
+        return views
 
     def _planned(self) -> "tuple[Sequence[PlannedElement], Floats]":
         """The elements of the plan, and the bodies (M, 3, 3) of what else it shows."""

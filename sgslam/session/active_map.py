@@ -19,8 +19,7 @@ from sgslam.mapping.wall_points import faces_of, wall_points
 from sgslam.perception import keyframe_scan
 from sgslam.registration.motion import few_points, motion_since_begin
 from sgslam.session.scan_points import ScanPoints
-from sgslam.session.scan_poses import ScanPose
-from sgslam.session.soundness.step_uncertainty import StepUncertainty
+from sgslam.session.scan_poses import ScanPose, StepUncertainty
 from sgslam.session.stopwatch import Stopwatch
 from sgslam.surfels import SurfelMap
 from sgslam.types import TrackedScan

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from data.common.cli import log_to
 from data.common.errors import UserError
-from data.imu import ImuSamples
 from data.trajectory import Trajectory
 from sgslam.cli.job.inputs import Building, RunInputs
 from sgslam.geometry.trajectory_errors import accuracy
@@ -49,11 +48,12 @@ _NOT_JUDGED = (
 
 @dataclass
 class Progress:
-    """The progress of a run: `index` of the newest scan, the number of scans `fed` to it, the `seconds` spent on
-    reading scans and writing checkpoints, and the `warnings` that it printed."""
+    """The progress of a run: `index` of the newest scan, the numbers of scans `fed` to it and of `imu` samples, the
+    `seconds` spent on reading scans and writing checkpoints, and the `warnings` that it printed."""
 
     index: int = -1
     fed: int = 0
+    imu: int = 0
     seconds: dict[str, float] = field(default_factory=lambda: {"reading": 0.0, "checkpoints": 0.0})
     warnings: list[str] = field(default_factory=list)
 
@@ -141,8 +141,6 @@ class Run:
         """What metrics.json has beyond the result's own: times, what the user stated, warnings, errors, the header."""
         inputs, building = self._inputs, self._building
         total, cpu_seconds = perf_counter() - building.began, process_time() - building.cpu_began
-        for kind, count in result.factors.counts().items():
-            _log.info("factors, %s: %s", kind, ", ".join(f"{number} {what}" for what, number in count.items()))
         options = inputs.options
         told = {"storey": options.storey, "start": options.start, "mount": inputs.config.tracking.mount}
         numbers: dict[str, Any] = {
@@ -253,7 +251,10 @@ def run_scans(
                 if interruption:
                     save()
                     return f"interrupted after {progress.fed} of {len(scans)} scans"
-                _add_imu(slam, inputs.imu, scan.stamp_ns)
+                if (imu := inputs.imu) is not None:  # the samples until the scan's end
+                    new = slice(progress.imu, int(np.searchsorted(imu.stamps_ns, scan.stamp_ns + _SCAN_NS, "right")))
+                    slam.add_imu(imu.stamps_ns[new], imu.gyro[new], imu.accel[new])
+                    progress.imu = max(new.stop, progress.imu)
                 T_odom_sensor = scan.T_odom_sensor if odometry is None else odometry.at(scan.stamp_ns)
                 step = scan.step_covariance if odometry is None else None
                 update: Any = slam.add_scan(scan.stamp_ns, scan.points, scan.point_times, T_odom_sensor, step)
@@ -274,14 +275,3 @@ def run_scans(
             return str(error)
     save()  # who is interrupted while the map is completed loses no scan
     return None
-
-
-def _add_imu(slam: "SceneGraphSlam | TrackingSide", imu: ImuSamples | None, stamp_ns: int) -> None:
-    """Adds the samples until the end of a scan that were not added yet."""
-    if imu is None:
-        return
-    newest = slam.newest_imu_ns
-    first = 0 if newest is None else int(np.searchsorted(imu.stamps_ns, newest, side="right"))
-    last = int(np.searchsorted(imu.stamps_ns, stamp_ns + _SCAN_NS, side="right"))
-    if last > first:
-        slam.add_imu(imu.stamps_ns[first:last], imu.gyro[first:last], imu.accel[first:last])

@@ -73,11 +73,6 @@ class TrackingSide:
         """See `SceneGraphSlam.add_imu`."""
         self.tracking.motion.add_imu(stamp_ns, gyro, accel)
 
-    @property
-    def newest_imu_ns(self) -> int | None:
-        """The stamp of the newest IMU sample; None before the first."""
-        return self.tracking.motion.imu.newest_ns
-
     def save(self, progress: Progress) -> None:
         """Has the process that maps write a checkpoint, with the state of the tracker."""
         self.mapping.put("save", tracking=pack(self.tracking, self._config), progress=vars(progress))

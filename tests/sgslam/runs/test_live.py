@@ -50,8 +50,7 @@ def test_a_live_run_ends_with_the_files_of_a_run_and_its_odometry_never_jumps(bu
         assert (tmp_path / "live" / name).read_bytes() == (tmp_path / "offline" / name).read_bytes(), name
     assert metrics["anchored"] and metrics["live"]["answers"] == metrics["scans"] == PART
     assert max(answer.waiting for answer in answers[60:]) <= 5
-    log = (tmp_path / "live" / "run.log").read_text()
-    assert 0 < log.count("scans wait for the map") < 30 and "1.50, -1.50, 0.50" in log
+    assert "1.50, -1.50, 0.50" in (tmp_path / "live" / "run.log").read_text()
     odometry = Trajectory.read_tum(tmp_path / "live" / "trajectory_odometry.tum").poses
     settled = [k for k, answer in enumerate(answers) if answer.health is not None]
     assert 0 < settled[0] < 60 and settled == list(range(settled[0], PART))

@@ -215,9 +215,10 @@ def test_poses_are_better_than_the_live_ones_which_are_kept(
 @pytest.mark.slow
 def test_a_run_whose_points_are_gone_has_no_second_pass(caplog: pytest.LogCaptureFixture, tmp_path: Path) -> None:
     """Of a run that was killed, the file may have been deleted."""
-    first = fed(SceneGraphSlam(clouds=KeyframeClouds(tmp_path / "clouds.bin")), small_drive().scans[:40])
+    clouds = KeyframeClouds(tmp_path / "clouds.bin")
+    first = fed(SceneGraphSlam(clouds=clouds), small_drive().scans[:40])
     state, single = first.state(), first.finish()
-    again = SceneGraphSlam(clouds=first.clouds)
+    again = SceneGraphSlam(clouds=clouds)
     (tmp_path / POINTS).unlink()
     again.restore(state)
     with caplog.at_level(logging.WARNING):
@@ -244,7 +245,7 @@ def test_a_result_stays_that_a_second_pass_would_lose(
         knots[:, :3, 3] += 8 * way[:, None]
         return Motion(start.seconds, knots)
 
-    monkeypatch.setattr("sgslam.session.second_pass.smoothed", bent)
+    monkeypatch.setattr("sgslam.slam.smoothed", bent)
     with caplog.at_level(logging.WARNING):
         kept = slam.finish(second_pass=True)
     assert "the second pass is left out" in caplog.text
