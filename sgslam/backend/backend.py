@@ -1,7 +1,7 @@
 """The back end: batch optimisation of keyframes, walls, level surfaces, rooms and the BIM frame, warm started.
 
-Each optimisation builds its graph from the factor log. So walls can be joined and anchors withdrawn without editing a
-graph.
+Each optimisation builds its graph from the factors that hold. So walls can be joined and anchors withdrawn without
+editing a graph.
 """
 
 import logging
@@ -15,8 +15,8 @@ from gtsam.symbol_shorthand import F, P, V, X
 from numpy.typing import NDArray
 
 from sgslam.backend.covariances import Uncertainty
-from sgslam.backend.factor_log import FactorLog, Key, Kind
 from sgslam.backend.graph_builder import GraphBuilder
+from sgslam.backend.held_factors import KINDS, HeldFactors, Key, Kind, graph_of
 from sgslam.backend.variables import BIM, GraphInputs, start_values
 from sgslam.backend.wall_point_factors import offset_priors, point_factors
 from sgslam.config import Config
@@ -32,7 +32,7 @@ _BELIEVABLE = 1e4  # largest error for each factor at an optimum: a hundred sigm
 
 
 class Backend:
-    """Estimates of keyframes, walls, level surfaces and T_map_local, from the factors in `log`.
+    """Estimates of keyframes, walls, level surfaces and T_map_local, from the factors that are `held`.
 
     `planes_in_map` and `levels_in_map` are planes (4,) by the numbers of walls and level surfaces; `T_map_local` (4, 4)
     is None while the map is not anchored. `closures` are the loop closures that hold; `LoopCloser` adds and removes
@@ -46,8 +46,8 @@ class Backend:
         self.levels_in_map: dict[int, Floats] = {}
         self.T_map_local: Floats | None = None
         self.closures: list[Closure] = []
-        self.log = FactorLog()
-        self._builder = GraphBuilder(config, self.keyframes, self.log)
+        self.held: HeldFactors = {kind: {} for kind in KINDS}
+        self._builder = GraphBuilder(config, self.keyframes, self.held)
         self._optimised_at = 0
         self._inputs = GraphInputs()  # of the last optimisation
         self._optimum: tuple[gtsam.NonlinearFactorGraph, gtsam.Values, dict[int, PlannedWall]] | None = None
@@ -67,26 +67,24 @@ class Backend:
         self._hold_steps()
 
     def _hold_steps(self) -> None:
-        for i in [int(key[0]) for key in self.log.held("odometry")]:
+        for i in [int(key[0]) for key in self.held["odometry"]]:
             self._builder.hold_step(i, self._step(i))
 
     def __getstate__(self) -> dict[str, Any]:
         """The attributes, without factors, which the next optimisation makes again."""
-        placed = self._builder.begin, self._builder.found
-        return {**vars(self), "_optimum": None, "_inputs": GraphInputs(), "_builder": placed}
+        placed, keys = (self._builder.begin, self._builder.found), {k: dict.fromkeys(f) for k, f in self.held.items()}
+        return {**vars(self), "_optimum": None, "_inputs": GraphInputs(), "_builder": placed, "held": keys}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Makes the factors of the odometry and of the places again, which are no new events."""
+        """Makes the factors of the odometry and of the places again."""
         begin, found = state.pop("_builder")
         vars(self).update(state)
-        known = list(self.log.events)
-        self._builder = GraphBuilder(self._config, self.keyframes, self.log)
+        self._builder = GraphBuilder(self._config, self.keyframes, self.held)
         if self.keyframes:
             self._builder.hold_begin(begin)
         for i, place in found.items():
             self._builder.hold_place(i, place)
         self._hold_steps()
-        self.log.events = known
 
     def absorb(self, other: "Backend", T_map_other: Floats, scans: int, storeys: dict[int, int], levels: int) -> None:
         """Adds the keyframes of another map at `T_map_other` (4, 4), with the factors between them.
@@ -139,7 +137,7 @@ class Backend:
         anchors: Anchors | None,
         steps: int = 6,
     ) -> None:
-        """Updates the log and moves the estimates to the optimum of its graph, in at most `steps` iterations.
+        """Updates the factors and moves the estimates to the optimum of their graph, in at most `steps` iterations.
 
         If the optimizer fails, it runs again without the anchors. If that fails too, the last estimates are kept, which
         the odometry continues. Each failure is logged as a warning.
@@ -153,7 +151,7 @@ class Backend:
         failure = self._solve(steps)
         if failure and anchors is not None:
             _log.warning("the optimisation of %d keyframes with anchors failed: %s", len(self.keyframes), failure)
-            self.log.hold(len(self.keyframes), "anchor", {}, "the optimisation fails with the anchors")
+            self.held["anchor"] = {}
             self._inputs = replace(self._inputs, anchors=None)
             failure = self._solve(steps)
         if failure:
@@ -162,12 +160,12 @@ class Backend:
 
     def refine(self, faces: Faces, seen: WallPoints, steps: int = 20) -> None:
         """Moves the estimates of an anchored map to the optimum of a graph in which points on planned walls take the
-        place of the anchors of rooms, and of walls but for their directions. The log stays as it is."""
+        place of the anchors of rooms, and of walls but for their directions. The held factors stay as they are."""
         inputs, settings = self._inputs, self._config.anchors
         assert inputs.anchors is not None and self.T_map_local is not None
         # what is known of the poses: walls were extracted from the same points, which count once
-        known = self.log.graph(lambda kind, key: kind not in ("wall", "room") and not _anchors_wall(kind, key))
-        start = self._start(self.log.graph())
+        known = graph_of(self.held, lambda kind, key: kind not in ("wall", "room") and not _anchors_wall(kind, key))
+        start = self._start(graph_of(self.held))
         start.update(BIM, gtsam.Pose3(self.T_map_local))  # where the points were seen from, not where it was before
         walls = sorted({int(faces.wall[face]) for face in seen.face.tolist()})
         for wall in walls:
@@ -175,7 +173,7 @@ class Backend:
         for factor in (*point_factors(faces, seen, start, settings), *offset_priors(walls, settings.sigma_offset)):
             known.add(factor)
         # the walls themselves make the map more rigid, and their directions upright
-        graph = self.log.graph(lambda kind, key: kind in ("wall", "room"))
+        graph = graph_of(self.held, lambda kind, key: kind in ("wall", "room"))
         graph.push_back(known)
         for factor in self._builder.directions(inputs):
             graph.add(factor)
@@ -192,8 +190,8 @@ class Backend:
     def _solve(
         self, steps: int, graph: gtsam.NonlinearFactorGraph | None = None, values: gtsam.Values | None = None
     ) -> str | None:
-        """Moves the estimates to the optimum of a graph, by default the log's, or returns why they stay."""
-        graph = self.log.graph() if graph is None else graph
+        """Moves the estimates to the optimum of a graph, by default of all held factors, or returns why they stay."""
+        graph = graph_of(self.held) if graph is None else graph
         parameters = gtsam.LevenbergMarquardtParams()
         parameters.setMaxIterations(steps)
         parameters.setRelativeErrorTol(1e-4)

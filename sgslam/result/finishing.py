@@ -99,7 +99,7 @@ def assemble_result(
         a_graph=bim,
         matches=matches,
         anchors=[record.to_dict() for record in anchoring.records] if anchoring is not None else [],
-        factors=backend.log,
+        factors=backend.held,
         first_anchor_s=first_anchor_s,
         keyframes=len(backend.keyframes),
         seconds=dict(final.stopwatch.seconds),

@@ -13,7 +13,7 @@ from data import SceneGraph
 from data.geometry.poses import poses_to_xyzquat, xyzquat_to_poses
 from data.plans.bim import IFC_SUFFIXES
 from data.trajectory import Trajectory
-from sgslam.backend import FactorLog
+from sgslam.backend import HeldFactors
 from sgslam.config import Config
 from sgslam.mapping import KeyframeClouds
 from sgslam.session.checkpoints import write_run
@@ -43,9 +43,9 @@ class Result:
     `trajectory`, in its frame, with the poses that were estimated when the scans arrived; None without a second pass.
     `T_bim_map` (4, 4) is the map's pose in the BIM frame, None if the run is not anchored. `s_graph` is in the map
     frame; `a_graph` is in the BIM frame, None without a plan. `matches` has the form of matches.json, None if nothing
-    was matched. `anchors` is the log of all anchors: what added each, and when and why it changed. `factors` is the
-    back end's log: the active factors, and those added and withdrawn. `clouds` are indexed by keyframe number,
-    `k<number>` in the S-graph. `first_anchor_s` counts from the first scan. `seconds` is the time of each stage.
+    was matched. `anchors` is the log of all anchors: what added each, and when and why it changed. `factors` are
+    those of the graph, by kind and key. `clouds` are indexed by keyframe number, `k<number>` in the S-graph.
+    `first_anchor_s` counts from the first scan. `seconds` is the time of each stage.
     `earlier` are the trajectories of the prior map's runs, in the frame of `trajectory`. `relocalisation` is None
     without a prior map. `tracked` is the number of good, degraded and lost scans; `uncertainty` has a line for each
     scan, and `quality` says whether the map is sound. `advice` has a line for each thing that seems wrong with the
@@ -64,7 +64,7 @@ class Result:
     a_graph: SceneGraph | None
     matches: "MatchesFile | None"
     anchors: list[dict[str, Any]]
-    factors: FactorLog
+    factors: HeldFactors
     first_anchor_s: float | None
     keyframes: int
     seconds: dict[str, float]

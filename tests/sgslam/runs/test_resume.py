@@ -39,7 +39,9 @@ def test_a_run_goes_on_bit_by_bit(tmp_path: Path) -> None:
     assert np.array_equal(result.trajectory.poses, whole.trajectory.poses)
     assert np.array_equal(result.trajectory_odometry.poses, whole.trajectory_odometry.poses)
     assert result.s_graph == whole.s_graph and result.deviations == whole.deviations
-    assert result.anchors == whole.anchors and result.factors.events == whole.factors.events
+    assert result.anchors == whole.anchors and [*map(list, result.factors.values())] == [
+        *map(list, whole.factors.values())
+    ]
     assert {**(result.matches or {}), "seconds": 0} == {**(whole.matches or {}), "seconds": 0}
 
 

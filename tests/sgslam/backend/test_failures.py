@@ -1,4 +1,4 @@
-"""The factor log: origin and reason of each factor; and what remains after failures of the optimizer."""
+"""What remains after failures of the optimizer."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ def test_anchors_that_break_the_optimizer_are_withdrawn_and_can_come_back(caplog
     anchors, T_map_local = anchored(run)
     run.optimise(replace(anchors, elevations={0: (1e12, 0.01)}))  # m
     assert "failed" in caplog.text and run.backend.T_map_local is None
-    assert run.errors().max() < 0.02 and not run.backend.log.held("anchor")
+    assert run.errors().max() < 0.02 and not run.backend.held["anchor"]
     run.optimise(anchors)
     assert off(run, T_map_local) < 0.02
 
@@ -36,17 +36,7 @@ def test_what_is_beyond_repair_leaves_the_last_optimum(caplog: pytest.LogCapture
     before = run.backend.poses
     for s in run.seen:  # half of those who saw a wall say that it stands beyond the moon
         s.plane = s.plane + np.array([0, 0, 0, 1e12 * (s.keyframe % 2)])
-    run.backend.log.hold(60, "wall", {}, "seen again")
+    run.backend.held["wall"] = {}
     run.optimise()
     assert "the last estimates are kept" in caplog.text
     np.testing.assert_array_equal(run.backend.poses, before)
-
-
-def test_the_log_has_the_origin_and_the_events_of_an_anchor() -> None:
-    run = Run()
-    anchors, _ = anchored(run)
-    paired = replace(anchors.planes[1][0], a_id="A1", by="match 3", why="as planned")
-    for planned in (paired, None, replace(paired, by="position", why="120 mm off")):
-        run.optimise(None if planned is None else replace(anchors, planes={**anchors.planes, 1: [planned]}))
-    events = [(e.key[0], e.what, e.by) for e in run.backend.log.events if e.kind == "anchor" and e.key[1:] == (1, "A1")]
-    assert events == [("wall", "added", "match 3"), ("wall", "withdrawn", "match 3"), ("wall", "added", "position")]
