@@ -115,11 +115,6 @@ class Backend:
         return np.array([k.T_map_sensor for k in self.keyframes]).reshape(-1, 4, 4)
 
     @property
-    def has_weak_steps(self) -> bool:
-        """Whether surfaces left a direction of some step unconstrained, so that the map may have slipped there."""
-        return any(keyframe.weak_step for keyframe in self.keyframes)
-
-    @property
     def due(self) -> bool:
         """Whether the graph has grown enough since the last optimisation.
 

@@ -36,7 +36,7 @@ class RunState:
     @property
     def anchored(self) -> bool:
         """Whether the S-graph is anchored to the BIM."""
-        return not self._map.plan_is_prior and self._map.placed
+        return self.T_bim_map is not None
 
     @property
     def place_probabilities(self) -> tuple[float, float]:

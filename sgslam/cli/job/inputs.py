@@ -33,7 +33,7 @@ from sgslam.warm_up import compile_ahead
 
 _OPTIONS = TypeAdapter(RunOptions)
 _BESIDE_RESUME = {"resume", "view", "rerun", "strict", "verbose"}  # all else is as it was
-_WRITTEN = {"out", "resume", "rerun"}  # paths that a run does not read
+_NOT_READ = {"out", "resume", "rerun", "config"}  # paths that a run that is resumed does not read
 
 
 class MatcherWithStart:
@@ -164,7 +164,7 @@ class RunInputs:
     def header(self) -> dict[str, Any]:
         """What a state says about its run, in JSON form: a digest of the files that it reads, its settings and its
         options. Raises UserError if the files are not those of the run to be resumed."""
-        read = [own for name, own in vars(self.options).items() if isinstance(own, Path) and name not in _WRITTEN]
+        read = [own for name, own in vars(self.options).items() if isinstance(own, Path) and name not in _NOT_READ]
         folders = [sorted(path.iterdir()) if path.is_dir() else [path] for path in read]
         files = [own for folder in folders for own in folder if own.is_file()]
         stats = [(own.name, own.stat().st_size, own.stat().st_mtime_ns) for own in files]
