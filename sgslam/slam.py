@@ -10,18 +10,19 @@ from numpy.typing import NDArray
 from data import SceneGraph, UserError
 from data.plans import Bim
 from matching.result import AnyMatcher
-from sgslam.config import Config
+from sgslam.config import Config, TrackingSettings
 from sgslam.mapping import KeyframeClouds
 from sgslam.odometry import Odometry
-from sgslam.registration.motion import deskewed
+from sgslam.registration.motion import deskewed, pose_at
+from sgslam.registration.smoothing import smoothed
 from sgslam.result import Result
 from sgslam.result.finishing import assemble_result
 from sgslam.serialization import pack, unpack
-from sgslam.session import PriorMap, Session, Stopwatch
+from sgslam.session import ActiveMap, PriorMap, Session, Stopwatch
 from sgslam.session.run_state import RunState
-from sgslam.session.second_pass import pass_again
+from sgslam.session.scan_poses import interpolated
 from sgslam.tracking import RunTracker, TrackerNotes
-from sgslam.types import Health, TrackedScan, Update
+from sgslam.types import Health, Motion, TrackedScan, Update
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -161,7 +162,7 @@ class SceneGraphSlam(RunState):
         single, again = None, False
         if second_pass and session.prior is None and not session.unplaced and not notes.has_imu:
             single = pack(self._map, self._config, **self._given) if self.anchored else None
-            again = pass_again(self._map, self._config.tracking)
+            again = _pass_again(self._map, self._config.tracking)
         self._map.refine()
         advice = list(notes.advice)
         if not self.anchored and notes.is_way_up_assumed:  # a plan does not fit a map that is upside down
@@ -176,3 +177,26 @@ class SceneGraphSlam(RunState):
         self._map.complete()
         self._map.refine()
         return assemble_result(self._map, *finished, passed_again=False)
+
+
+def _pass_again(final: ActiveMap, settings: TrackingSettings) -> bool:
+    """Registers all scans of a map again, and estimates the map with the motion found; returns whether it did."""
+    with final.stopwatch("smoothing"):
+        stamps = np.array([scan.stamp_ns for scan in final.scans])
+        if len(final.points) != len(stamps) or len(stamps) < 3:
+            _log.warning("no second pass: the points of %d of %d scans are there", len(final.points), len(stamps))
+            return False
+        at = (stamps - stamps[0]) / 1e9
+        again = [own.later(second) for own, second in zip(final.points.read(), at, strict=True)]
+        start = Motion(at, interpolated(final.scans, final.backend.poses))
+        is_known = np.array([scan.health != "lost" for scan in final.scans])
+        _log.info("second pass: all %d scans are registered again", len(stamps))
+        motion = smoothed(again, start, is_known, settings)
+        poses = np.stack([pose_at(motion, second) for second in at])
+        of_points = poses.copy()
+        for i, (scan, own) in enumerate(zip(final.scans, again, strict=True)):
+            if scan.T_begin_sensor is not None:  # the pose at a later stamp was less certain than that of the points
+                of_points[i] = pose_at(motion, own.knot_seconds[0]) @ scan.T_begin_sensor
+        final.take_tracked(poses, of_points)
+    final.complete()
+    return True

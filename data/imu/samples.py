@@ -2,7 +2,6 @@
 
 import logging
 from dataclasses import dataclass
-from hashlib import sha256
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,11 +41,6 @@ class ImuSamples:
     def __len__(self) -> int:
         """The number of samples."""
         return len(self.stamps_ns)
-
-    def digest(self) -> str:
-        """A hash of all samples."""
-        values = (self.stamps_ns, self.gyro, self.accel)
-        return sha256(b"".join(np.ascontiguousarray(own).tobytes() for own in values)).hexdigest()
 
 
 def checked_imu(stamps_ns: ArrayLike, gyro: ArrayLike, accel: ArrayLike, where: str) -> ImuSamples:

@@ -27,7 +27,8 @@ from evaluation.tables import ANCHORED, EVER_WRONG, Query, count, made, often, r
 from sgslam.config import Config
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.result import Result
-from sgslam.session import Checkpoints, PriorMap
+from sgslam.session import PriorMap
+from sgslam.session.checkpoints import write_run
 from sgslam.slam import SceneGraphSlam
 
 Plan = Literal["the BIM", "the first map"]
@@ -115,7 +116,7 @@ def _first_run(drive: Drive, plan: SceneGraph | None, folder: Path) -> Result:
     if plan is not None and not result.anchored:
         raise UserError(f"the first run could not be anchored: {result.reason}")
     result.clouds.copy_to(folder / CLOUDS)
-    Checkpoints(folder, {}).write(slam, {}, finished=True)
+    write_run(folder, {"finished": True}, slam.state())
     return result
 
 

@@ -1,7 +1,7 @@
 """The back end: batch optimisation of keyframes, walls, level surfaces, rooms and the BIM frame, warm started.
 
-Each optimisation builds its graph from the factor log. So walls can be joined and anchors withdrawn without editing a
-graph, and the graph can be rebuilt after a failure of the optimizer.
+Each optimisation builds its graph from the factors that hold. So walls can be joined and anchors withdrawn without
+editing a graph.
 """
 
 import logging
@@ -15,25 +15,24 @@ from gtsam.symbol_shorthand import F, P, V, X
 from numpy.typing import NDArray
 
 from sgslam.backend.covariances import Uncertainty
-from sgslam.backend.factor_log import FactorLog, Key, Kind
 from sgslam.backend.graph_builder import GraphBuilder
+from sgslam.backend.held_factors import KINDS, HeldFactors, Key, Kind, graph_of
 from sgslam.backend.variables import BIM, GraphInputs, start_values
 from sgslam.backend.wall_point_factors import offset_priors, point_factors
 from sgslam.config import Config
-from sgslam.geometry.frames import inverse, is_rigid, transform_planes
+from sgslam.geometry.frames import inverse, transform_planes
 from sgslam.mapping import Anchors, Closure, KeyframeNode, PlannedWall, RoomNode, SeenLevel, SeenWall
 from sgslam.mapping.wall_points import Faces, WallPoints
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
-_LONGEST = 100.0  # m from keyframe to keyframe; no robot moves further
 # of the place on which the walls agree: rad and m, of heading and in plan view; tilt and height are free
 _PLACE = np.array([1.0, 1.0, 0.002, 0.02, 0.02, 1.0])
 _BELIEVABLE = 1e4  # largest error for each factor at an optimum: a hundred sigma
 
 
 class Backend:
-    """Estimates of keyframes, walls, level surfaces and T_map_local, from the factors in `log`.
+    """Estimates of keyframes, walls, level surfaces and T_map_local, from the factors that are `held`.
 
     `planes_in_map` and `levels_in_map` are planes (4,) by the numbers of walls and level surfaces; `T_map_local` (4, 4)
     is None while the map is not anchored. `closures` are the loop closures that hold; `LoopCloser` adds and removes
@@ -47,10 +46,9 @@ class Backend:
         self.levels_in_map: dict[int, Floats] = {}
         self.T_map_local: Floats | None = None
         self.closures: list[Closure] = []
-        self.log = FactorLog()
-        self._builder = GraphBuilder(config, self.keyframes, self.log)
+        self.held: HeldFactors = {kind: {} for kind in KINDS}
+        self._builder = GraphBuilder(config, self.keyframes, self.held)
         self._optimised_at = 0
-        self._sound = 0  # keyframes whose poses are from an optimum
         self._inputs = GraphInputs()  # of the last optimisation
         self._optimum: tuple[gtsam.NonlinearFactorGraph, gtsam.Values, dict[int, PlannedWall]] | None = None
 
@@ -66,32 +64,27 @@ class Backend:
         """Holds the steps of the odometry again, as the keyframes' tracked motion has changed, and fixes the first
         keyframe at its pose `begin` (4, 4) in the map: were it fixed where it was, its own error would tilt the map."""
         self._builder.hold_begin(begin)
-        for i in [key[0] for key in self.log.held("odometry") if len(key) == 1]:
-            self._builder.hold_step(int(i), self._step(int(i)))
+        self._hold_steps()
+
+    def _hold_steps(self) -> None:
+        for i in [int(key[0]) for key in self.held["odometry"]]:
+            self._builder.hold_step(i, self._step(i))
 
     def __getstate__(self) -> dict[str, Any]:
         """The attributes, without factors, which the next optimisation makes again."""
-        placed = self._builder.begin, self._builder.found
-        left = {"_optimum": None, "_inputs": GraphInputs(), "_builder": placed, "log": self.log.state()}
-        return {**vars(self), **left}
+        placed, keys = (self._builder.begin, self._builder.found), {k: dict.fromkeys(f) for k, f in self.held.items()}
+        return {**vars(self), "_optimum": None, "_inputs": GraphInputs(), "_builder": placed, "held": keys}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Makes the factors of the odometry and of the places again."""
         begin, found = state.pop("_builder")
-        log = state.pop("log")
         vars(self).update(state)
-        self.log = FactorLog()
-        self._builder = GraphBuilder(self._config, self.keyframes, self.log)
+        self._builder = GraphBuilder(self._config, self.keyframes, self.held)
         if self.keyframes:
             self._builder.hold_begin(begin)
         for i, place in found.items():
             self._builder.hold_place(i, place)
-        for key in log["held"]["odometry"]:
-            if len(key) == 1:
-                self._builder.hold_step(key[0], self._step(key[0]))
-            else:
-                self._builder.bridge(key[0])
-        self.log.restore(log)
+        self._hold_steps()
 
     def absorb(self, other: "Backend", T_map_other: Floats, scans: int, storeys: dict[int, int], levels: int) -> None:
         """Adds the keyframes of another map at `T_map_other` (4, 4), with the factors between them.
@@ -100,21 +93,17 @@ class Backend:
         to those here.
         """
         first = len(self.keyframes)
-        steps = other.log.held("odometry")
         for i, keyframe in enumerate(other.keyframes):
             storey = None if keyframe.storey is None else storeys[keyframe.storey]
             T = T_map_other @ keyframe.T_map_sensor
             self.keyframes.append(replace(keyframe, scan=keyframe.scan + scans, T_map_sensor=T, storey=storey))
             if i == 0 or i in other._builder.found:
                 self._builder.hold_place(first + i, T)
-            elif (i,) in steps:
-                self._builder.hold_step(first + i, other._step(i))
             else:
-                self._builder.bridge(first + i)
+                self._builder.hold_step(first + i, other._step(i))
         self.closures += [replace(c, earlier=c.earlier + first, later=c.later + first) for c in other.closures]
         for number, plane in other.levels_in_map.items():
             self.levels_in_map[number + levels] = transform_planes(T_map_other, plane)
-        self._sound = len(self.keyframes)
 
     def _step(self, i: int) -> Floats:
         """(4, 4) the tracked motion from keyframe i - 1 to keyframe i."""
@@ -124,11 +113,6 @@ class Backend:
     def poses(self) -> Floats:
         """(K, 4, 4) T_map_sensor of all keyframes."""
         return np.array([k.T_map_sensor for k in self.keyframes]).reshape(-1, 4, 4)
-
-    @property
-    def has_weak_steps(self) -> bool:
-        """Whether surfaces left a direction of some step unconstrained, so that the map may have slipped there."""
-        return any(keyframe.weak_step for keyframe in self.keyframes)
 
     @property
     def due(self) -> bool:
@@ -148,11 +132,10 @@ class Backend:
         anchors: Anchors | None,
         steps: int = 6,
     ) -> None:
-        """Updates the log and moves the estimates to the optimum of its graph, in at most `steps` iterations.
+        """Updates the factors and moves the estimates to the optimum of their graph, in at most `steps` iterations.
 
-        If the optimizer fails, the graph and its start values are rebuilt from the log without factors of non-finite
-        error. If it fails again, the anchors are left out. If that fails too, the last estimates are kept.
-        Each failure is logged as a warning.
+        If the optimizer fails, it runs again without the anchors. If that fails too, the last estimates are kept, which
+        the odometry continues. Each failure is logged as a warning.
         """
         anchor_of, anchor_of_level = self._builder.hold_walls(seen), self._builder.hold_levels(levels)
         self._inputs = GraphInputs(seen, levels, rooms, anchors, anchor_of, anchor_of_level)
@@ -160,21 +143,24 @@ class Backend:
         self._builder.hold_loops(self.closures)
         self._builder.hold_anchors(self._inputs)
         self._optimised_at = len(self.keyframes)
-        for attempt in (self._solve, self._rebuild, self._rebuild_without_anchors):
-            failure = attempt(steps)
-            if failure is None:
-                return
-            _log.warning("the optimisation of %d keyframes failed: %s", len(self.keyframes), failure)
-        _log.warning("the last estimates are kept")
+        failure = self._solve(steps)
+        if failure and anchors is not None:
+            _log.warning("the optimisation of %d keyframes with anchors failed: %s", len(self.keyframes), failure)
+            self.held["anchor"] = {}
+            self._inputs = replace(self._inputs, anchors=None)
+            failure = self._solve(steps)
+        if failure:
+            kept = "the last estimates are kept"
+            _log.warning("the optimisation of %d keyframes failed: %s; %s", len(self.keyframes), failure, kept)
 
     def refine(self, faces: Faces, seen: WallPoints, steps: int = 20) -> None:
         """Moves the estimates of an anchored map to the optimum of a graph in which points on planned walls take the
-        place of the anchors of rooms, and of walls but for their directions. The log stays as it is."""
+        place of the anchors of rooms, and of walls but for their directions. The held factors stay as they are."""
         inputs, settings = self._inputs, self._config.anchors
         assert inputs.anchors is not None and self.T_map_local is not None
         # what is known of the poses: walls were extracted from the same points, which count once
-        known = self.log.graph(lambda kind, key: kind not in ("wall", "room") and not _anchors_wall(kind, key))
-        start = self._start(self.log.graph())
+        known = graph_of(self.held, lambda kind, key: kind not in ("wall", "room") and not _anchors_wall(kind, key))
+        start = self._start(graph_of(self.held))
         start.update(BIM, gtsam.Pose3(self.T_map_local))  # where the points were seen from, not where it was before
         walls = sorted({int(faces.wall[face]) for face in seen.face.tolist()})
         for wall in walls:
@@ -182,7 +168,7 @@ class Backend:
         for factor in (*point_factors(faces, seen, start, settings), *offset_priors(walls, settings.sigma_offset)):
             known.add(factor)
         # the walls themselves make the map more rigid, and their directions upright
-        graph = self.log.graph(lambda kind, key: kind in ("wall", "room"))
+        graph = graph_of(self.held, lambda kind, key: kind in ("wall", "room"))
         graph.push_back(known)
         for factor in self._builder.directions(inputs):
             graph.add(factor)
@@ -199,8 +185,8 @@ class Backend:
     def _solve(
         self, steps: int, graph: gtsam.NonlinearFactorGraph | None = None, values: gtsam.Values | None = None
     ) -> str | None:
-        """Moves the estimates to the optimum of a graph, by default the log's, or returns why they stay."""
-        graph = self.log.graph() if graph is None else graph
+        """Moves the estimates to the optimum of a graph, by default of all held factors, or returns why they stay."""
+        graph = graph_of(self.held) if graph is None else graph
         parameters = gtsam.LevenbergMarquardtParams()
         parameters.setMaxIterations(steps)
         parameters.setRelativeErrorTol(1e-4)
@@ -215,41 +201,8 @@ class Backend:
         if optimizer.error() > _BELIEVABLE * graph.size():
             return f"its error of {optimizer.error():.1e} is implausibly large"
         self._take(result)
-        self._optimum = graph, result, self._inputs.planned
+        self._optimum = graph, result, {frame: planned for frame, _, planned in self._inputs.wall_frames}
         return None
-
-    def _rebuild(self, steps: int) -> str | None:
-        """Solves again from the last optimum, continued by the odometry; unsound factors are barred."""
-        _log.warning("the graph is rebuilt from the log")
-        for i in range(1, len(self.keyframes)):
-            if not _usable(self._step(i)) and (i,) in self.log.held("odometry"):
-                self._bar("odometry", (i,), "the step is not plausible")
-        self._restart()
-        for kind, key, why in list(self.log.unsound(self._start(self.log.graph()))):
-            self._bar(kind, key, why)
-        return self._solve(steps)
-
-    def _bar(self, kind: Kind, key: Key, why: str) -> None:
-        # rooms and anchors are passed again to each optimisation
-        self.log.withdraw(len(self.keyframes), kind, [key], why, for_good=kind not in ("room", "anchor"))
-        if kind == "odometry":
-            self._builder.bridge(int(key[0]))
-
-    def _rebuild_without_anchors(self, steps: int) -> str | None:
-        if self._inputs.anchors is None:
-            return "and there are no anchors to leave out"
-        keys = list(self.log.held("anchor"))
-        self.log.withdraw(len(self.keyframes), "anchor", keys, "the optimisation fails with the anchors")
-        self._restart()
-        self._inputs = replace(self._inputs, anchors=None)
-        return self._solve(steps)
-
-    def _restart(self) -> None:
-        """Moves the keyframes that are in no optimum yet to their odometry poses, relative to the last that is."""
-        for i in range(max(self._sound, 1), len(self.keyframes)):
-            step = self._step(i)
-            before = self.keyframes[i - 1].T_map_sensor
-            self.keyframes[i].T_map_sensor = before @ step if _usable(step) else before
 
     @property
     def newest_in_optimum(self) -> int | None:
@@ -288,7 +241,3 @@ class Backend:
 def _anchors_wall(kind: Kind, key: Key) -> bool:
     """Whether a factor anchors a wall or a room; a frame at a planned wall has the key of its anchor, and "place"."""
     return kind == "anchor" and key[0] in ("wall", "room") and key[-1] != "place"
-
-
-def _usable(step: Floats) -> bool:
-    return is_rigid(step) and float(np.linalg.norm(step[:3, 3])) < _LONGEST

@@ -60,11 +60,6 @@ class Uncertainty:
             scale[first[index] : first[index + 1]] *= larger
         self._solve = _solver(diags(1 / scale) @ jacobian)
 
-    @property
-    def anchored(self) -> bool:
-        """Whether the graph has a BIM frame."""
-        return BIM in self._columns
-
     def pose_covariances(self, keyframes: list[int]) -> Floats:
         """(N, 6, 6) of T_bim_sensor (of T_map_sensor where the graph has no BIM frame), rotation first (rad), then
         translation (m), in the sensor's axes."""
@@ -72,7 +67,7 @@ class Uncertainty:
         for covariance, keyframe in zip(covariances, keyframes, strict=True):
             J = np.zeros((6, self._size))  # one at a time: those of a long run would take a hundred megabytes
             J[:, self._columns[X(keyframe)]] = np.eye(6)
-            if self.anchored:
+            if BIM in self._columns:
                 T_map_local, T_map_sensor = self._values.atPose3(BIM), self._values.atPose3(X(keyframe))
                 J[:, self._columns[BIM]] = -T_map_sensor.inverse().compose(T_map_local).AdjointMap()
             covariance[:] = J @ self._solve(np.asfortranarray(J.T))

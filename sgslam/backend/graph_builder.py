@@ -1,6 +1,6 @@
 """Builds the factors of keyframes, walls, floors, rooms and the BIM.
 
-All factors go into the log. A factor whose measurement and variables did not change is reused.
+A factor whose measurement and variables did not change is reused.
 """
 
 from collections import Counter
@@ -9,15 +9,15 @@ from typing import Any, Literal
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import F, P, R, W, X
+from gtsam.symbol_shorthand import F, P, R, X
 from numpy.typing import NDArray
 
 import factors
-from sgslam.backend.factor_log import Entry, FactorLog, Key, Kind
-from sgslam.backend.variables import BIM, GROUND, IDENTITY, LEVEL, SAME, GraphInputs, middles, planned_walls
+from sgslam.backend.held_factors import Factors, HeldFactors, Key, Kind
+from sgslam.backend.variables import BIM, GROUND, IDENTITY, LEVEL, SAME, GraphInputs
 from sgslam.config import Config
 from sgslam.config.sensor import BUILDING
-from sgslam.mapping import SMOOTHED, Anchors, Closure, KeyframeNode, PlannedWall, RoomNode, SeenLevel, SeenWall
+from sgslam.mapping import SMOOTHED, Closure, KeyframeNode, PlannedWall, RoomNode, SeenLevel, SeenWall
 
 Floats = NDArray[np.float64]
 _OUTLIER = (
@@ -27,56 +27,38 @@ _FREE = 1000.0  # m, of what is not measured
 
 
 class GraphBuilder:
-    """Puts factors into `log`; `keyframes` are those of the back end."""
+    """Makes the factors that are `held`; `keyframes` are those of the back end."""
 
-    def __init__(self, config: Config, keyframes: list[KeyframeNode], log: FactorLog) -> None:
-        self._config, self._keyframes, self._log = config, keyframes, log
+    def __init__(self, config: Config, keyframes: list[KeyframeNode], held: HeldFactors) -> None:
+        self._config, self._keyframes, self._held = config, keyframes, held
         self._is_floor: dict[int, bool] = {}  # of each level surface, whether it was seen from above
         self.found: dict[int, Floats] = {}  # T_map_sensor (4, 4) of keyframes to which no odometry leads
         self.begin = np.eye(4)  # T_map_sensor of the first keyframe
         for key, name in ((IDENTITY, "identity"), (SAME, "same")):
-            log.add(0, "start", (name,), Entry(_fixed(key, np.eye(4)), "start", "fixed"))
+            held["start"][name,] = _fixed(key, np.eye(4))
 
     def hold_begin(self, T_map_sensor: Floats) -> None:
         """Fixes the first keyframe at its pose (4, 4) in the map, which is level there."""
         self.begin = T_map_sensor
-        entry = Entry(_fixed(X(0), T_map_sensor), "start", "the map begins at the first keyframe")
-        self._log.add(0, "start", ("map",), entry)
+        self._held["start"]["map",] = _fixed(X(0), T_map_sensor)
 
     def hold_step(self, i: int, step: Floats) -> None:
         """Adds the odometry's `step` (4, 4) from keyframe i - 1 to keyframe i."""
-        keyframe, why = self._keyframes[i], "the step between two keyframes"
-        why = f"{why}, poorly constrained by surfaces" if keyframe.weak_step else why
+        keyframe = self._keyframes[i]
         share = SMOOTHED if keyframe.smoothed else 1.0
         noise = factors.noise_of_covariance(share**2 * keyframe.step_covariance)
-        factor = gtsam.BetweenFactorPose3(X(i - 1), X(i), gtsam.Pose3(step), noise)
-        self._log.add(i + 1, "odometry", (i,), Entry(factor, "odometry", why))
+        self._held["odometry"][i,] = gtsam.BetweenFactorPose3(X(i - 1), X(i), gtsam.Pose3(step), noise)
 
     def hold_place(self, i: int, T_map_sensor: Floats) -> None:
         """Adds a loose prior (4, 4) of keyframe i, to which no odometry leads; walls constrain it more closely."""
         self.found[i] = T_map_sensor
-        prior = gtsam.PriorFactorPose3(X(i), gtsam.Pose3(T_map_sensor), factors.noise_of_pose(0.1, 1.0))
-        self._log.add(i + 1, "start", ("found", i), Entry(prior, "match", "the place where the sensor was found again"))
+        noise = factors.noise_of_pose(0.1, 1.0)
+        self._held["start"]["found", i] = gtsam.PriorFactorPose3(X(i), gtsam.Pose3(T_map_sensor), noise)
 
-    def bridge(self, i: int) -> None:
-        """Adds a loose factor in place of an unusable step: keyframe i is near the one before it."""
-        factor = gtsam.BetweenFactorPose3(X(i - 1), X(i), gtsam.Pose3(), factors.noise_of_pose(1.0, 2.0))
-        entry = Entry(factor, "back end", "in place of a step that could not be used")
-        self._log.add(len(self._keyframes), "odometry", (i, "bridge"), entry)
-
-    def _entry(
-        self, kind: Kind, key: Key, by: str, why: str, build: Callable[..., gtsam.NonlinearFactor], *arguments: Any
-    ) -> dict[Key, Entry]:
-        """The factor by its key, as it was held before where it does not change; nothing, and a log event, where its
-        numbers are refused."""
-        before = self._log.held(kind).get(key) if kind in ("wall", "level", "loop") else None
-        if before is not None and before.factor is not None:
-            return {key: before}
-        try:
-            return {key: Entry(build(*arguments), by, why)}
-        except ValueError as error:
-            self._log.refuse(len(self._keyframes), kind, key, by, str(error))
-            return {}
+    def _factor(self, kind: Kind, key: Key, build: Callable[..., gtsam.NonlinearFactor], *arguments: Any) -> Factors:
+        """The factor by its key, as it was held before where it does not change."""
+        before = self._held[kind].get(key) if kind in ("wall", "level", "loop") else None
+        return {key: build(*arguments) if before is None else before}
 
     def hold_walls(self, seen: list[SeenWall]) -> dict[int, int]:
         """Adds the walls seen from two keyframes or more; returns the keyframe in whose frame each is estimated."""
@@ -85,12 +67,7 @@ class GraphBuilder:
             keyframes_of.setdefault(s.wall, set()).add(s.keyframe)
         anchor_of = {wall: min(k) for wall, k in keyframes_of.items() if len(k) >= 2}
         observations = [(s.wall, s, self._of_wall(s)) for s in seen]
-        self._log.hold(
-            len(self._keyframes),
-            "wall",
-            self._observed("wall", P, observations, anchor_of),
-            "it belongs to another wall, or the wall is estimated in another keyframe's frame",
-        )
+        self._held["wall"] = self._observed("wall", P, observations, anchor_of)
         return anchor_of
 
     def _observed(
@@ -99,17 +76,16 @@ class GraphBuilder:
         symbol: Callable[[int], int],
         seen: Sequence[tuple[int, SeenWall | SeenLevel, tuple[float, float]]],
         anchor_of: dict[int, int],
-    ) -> dict[Key, Entry]:
+    ) -> Factors:
         """The observations of surfaces by number, with lower bounds (rad, m) of their standard deviations."""
-        entries, count = dict[Key, Entry](), Counter[int]()  # the latter of each keyframe so far
+        found, count = Factors(), Counter[int]()  # the latter of each keyframe so far
         for number, s, sigmas in seen:
             key = (s.keyframe, count[s.keyframe], number, anchor_of.get(number, -1))
             count[s.keyframe] += 1
             if number in anchor_of:
-                why = f"keyframe {s.keyframe} saw {kind} {number}"
                 arguments = s, symbol(number), anchor_of[number], sigmas
-                entries |= self._entry(kind, key, f"{kind} extraction", why, self._observation, *arguments)
-        return entries
+                found |= self._factor(kind, key, self._observation, *arguments)
+        return found
 
     def _of_wall(self, seen: SeenWall) -> tuple[float, float]:
         """Lower bounds (rad, m) of the standard deviations of an observed wall: what its points err together turns it
@@ -140,81 +116,78 @@ class GraphBuilder:
         self._is_floor = {s.level: s.is_floor for s in seen}
         for s in seen:
             anchor_of[s.level] = min(s.keyframe, anchor_of.get(s.level, s.keyframe))
-        entries = self._observed("level", F, [(s.level, s, sigmas) for s in seen], anchor_of)
-        entries |= self._parallel_levels(anchor_of) | self._verticals()
-        gone = "it belongs to another level, or that one is estimated in another keyframe's frame"
-        self._log.hold(len(self._keyframes), "level", entries, gone)
+        found = self._observed("level", F, [(s.level, s, sigmas) for s in seen], anchor_of)
+        self._held["level"] = found | self._parallel_levels(anchor_of) | self._verticals()
         return anchor_of
 
-    def _parallel_levels(self, anchor_of: dict[int, int]) -> dict[Key, Entry]:
-        """A level frame, loosely at the origin of the map, in which every level surface is level at any height."""
-        by, loose = "level extraction", (LEVEL, gtsam.Pose3(), factors.noise_of_pose(1.0, 1.0))
-        entries = self._entry("level", ("level",), by, "a frame that all levels share", gtsam.PriorFactorPose3, *loose)
+    def _parallel_levels(self, anchor_of: dict[int, int]) -> Factors:
+        """A level frame, loosely at the origin of the map, in which every level surface is level at any height: floors
+        and ceilings of a building are parallel."""
+        loose = LEVEL, gtsam.Pose3(), factors.noise_of_pose(1.0, 1.0)
+        found = self._factor("level", ("level",), gtsam.PriorFactorPose3, *loose)
         noise = self._plane_noise(BUILDING.parallel_floors, _FREE)
         for level, anchor in anchor_of.items():
             up = [0.0, 0.0, 1.0 if self._is_floor[level] else -1.0, 0.0]
-            factor = factors.observe_plane, up, LEVEL, X(anchor), F(level), noise
-            key, why = ("level", level, anchor), "floors and ceilings of a building are parallel"
-            entries |= self._entry("level", key, by, why, *factor)
-        return entries
+            key = ("level", level, anchor)
+            found |= self._factor("level", key, factors.observe_plane, up, LEVEL, X(anchor), F(level), noise)
+        return found
 
-    def _verticals(self) -> dict[Key, Entry]:
+    def _verticals(self) -> Factors:
         """The vertical that the surfaces show at each keyframe: the normal of the ground of the level frame."""
-        ground = factors.observe_own_plane, [0.0, 0.0, 1.0, 0.0], IDENTITY, GROUND
-        entries = self._entry(
-            "level", ("ground",), "front end", "level", *ground, factors.noise_of_plane(1e-4, 1e-3, None)
-        )
+        ground = [0.0, 0.0, 1.0, 0.0], IDENTITY, GROUND, factors.noise_of_plane(1e-4, 1e-3, None)
+        found = self._factor("level", ("ground",), factors.observe_own_plane, *ground)
         for i, keyframe in enumerate(self._keyframes):
             if np.isfinite(keyframe.sigma_up):
-                noise = self._plane_noise(keyframe.sigma_up, _FREE)
-                factor = factors.observe_plane, [*keyframe.up, 0.0], X(i), LEVEL, GROUND, noise
-                entries |= self._entry("level", ("up", i), "front end", "surfaces are upright or level", *factor)
-        return entries
+                seen = [*keyframe.up, 0.0], X(i), LEVEL, GROUND, self._plane_noise(keyframe.sigma_up, _FREE)
+                found |= self._factor("level", ("up", i), factors.observe_plane, *seen)
+        return found
 
     def hold_loops(self, closures: list[Closure]) -> None:
-        """Adds loop closures."""
-        entries = dict[Key, Entry]()
+        """Holds loop closures."""
+        found = Factors()
         for closure in closures:
-            key = (closure.later, closure.earlier)
-            entries |= self._entry("loop", key, closure.by, closure.why, _loop, closure)
-        self._log.hold(len(self._keyframes), "loop", entries, "it is contradicted")
+            found |= self._factor("loop", (closure.later, closure.earlier), _loop, closure)
+        self._held["loop"] = found
 
     def hold_rooms(self, rooms: list[RoomNode], anchor_of: dict[int, int]) -> None:
-        """Adds rooms with the walls that bound them."""
+        """Holds rooms with the walls that bound them."""
         noise = self._plane_noise(0.02, 0.03)
         loose = factors.noise_of_pose(10.0, 1000.0)  # height, roll and pitch of a room are given by nothing else
-        entries: dict[Key, Entry] = {}
+        found = self._held["room"] = Factors()
         for room in rooms:
-            prior = gtsam.PriorFactorPose3(R(room.id), gtsam.Pose3(room.T_map_room), loose)
-            entries[room.id,] = Entry(prior, "free space", "a room was cut")
+            found[room.id,] = gtsam.PriorFactorPose3(R(room.id), gtsam.Pose3(room.T_map_room), loose)
             for wall, plane in room.walls.items():
                 if wall in anchor_of:
-                    factor = factors.observe_plane(plane, R(room.id), X(anchor_of[wall]), P(wall), noise)
-                    entries[room.id, wall] = Entry(factor, "free space", f"wall {wall} bounds the room")
-        self._log.hold(len(self._keyframes), "room", entries, "the rooms were segmented again")
+                    frames = R(room.id), X(anchor_of[wall])
+                    found[room.id, wall] = factors.observe_plane(plane, *frames, P(wall), noise)
 
     def hold_anchors(self, inputs: GraphInputs) -> None:
-        """Adds the anchors and the BIM frame; nothing where there are none."""
-        entries: dict[Key, Entry] = {}
-        if (anchors := inputs.anchors) is not None:
-            prior = gtsam.PriorFactorPose3(BIM, gtsam.Pose3(anchors.T_map_local), factors.noise_of_pose(1.0, 100.0))
-            entries["frame",] = Entry(prior, anchors.by, "a loose prior of the BIM frame")
-            for frame, wall, planned in _frames(inputs):
-                key: Key = ("wall", wall, planned.a_id or str(gtsam.symbolIndex(frame)))
-                factor = self._anchor, frame, wall, planned, inputs.anchor_of[wall]
-                entries |= self._place(key, planned.by, "a frame near the wall", planned.place, frame)
-                entries |= self._entry("anchor", key, planned.by, planned.why, *factor)
-            rooms = {room.id for room in inputs.rooms}
-            entries |= self._anchored_rooms(anchors, rooms) | self._anchored_levels(anchors, inputs.anchor_of_level)
-        self._log.hold(len(self._keyframes), "anchor", entries, "the anchoring withdrew or changed it")
-
-    def _place(self, key: Key, by: str, why: str, place: Floats, frame: int) -> dict[Key, Entry]:
-        return self._entry("anchor", (*key, "place"), by, why, factors.frame_at, place, BIM, frame)
+        """Holds the anchors and the BIM frame; nothing where there are none."""
+        found = self._held["anchor"] = Factors()
+        if (anchors := inputs.anchors) is None:
+            return
+        loose, settings = factors.noise_of_pose(1.0, 100.0), self._config.anchors
+        found["frame",] = gtsam.PriorFactorPose3(BIM, gtsam.Pose3(anchors.T_map_local), loose)
+        for frame, wall, planned in inputs.wall_frames:
+            key: Key = ("wall", wall, planned.a_id or str(gtsam.symbolIndex(frame)))
+            found[*key, "place"] = factors.frame_at(planned.place, BIM, frame)
+            found[key] = self._anchor(frame, wall, planned, inputs.anchor_of[wall])
+        rooms = {room.id for room in inputs.rooms}
+        for room, T_bim_room in anchors.rooms.items():
+            if room in rooms:
+                sigmas = settings.sigma_normal, settings.sigma_room
+                found["room", room] = factors.anchor_room(T_bim_room, BIM, R(room), *sigmas)
+        for frame, level, place in inputs.level_frames:
+            if (anchor := inputs.anchor_of_level.get(level)) is not None:
+                noise = self._plane_noise(settings.sigma_normal, anchors.elevations[level][1])
+                side = 1.0 if self._is_floor[level] else -1.0
+                found["level", level, "place"] = factors.frame_at(place, BIM, frame)
+                found["level", level] = factors.storey_plane(0.0, frame, X(anchor), F(level), noise, side)
 
     def directions(self, inputs: GraphInputs) -> Iterator[gtsam.NonlinearFactor]:
         """The anchors of walls by their directions alone, for a graph with anchors that leaves their places to other
         factors."""
-        for frame, wall, planned in _frames(inputs):
+        for frame, wall, planned in inputs.wall_frames:
             yield self._anchor(frame, wall, planned, inputs.anchor_of[wall], _FREE)
 
     def _anchor(
@@ -227,34 +200,6 @@ class GraphBuilder:
         noise = factors.redescending_noise_of_plane(*sigmas, _OUTLIER)
         plane = factors.plane_from(planned.place, planned.plane)
         return factors.anchor_plane(plane, frame, X(anchor), P(wall), noise)
-
-    def _anchored_rooms(self, anchors: Anchors, rooms: set[int]) -> dict[Key, Entry]:
-        settings, entries = self._config.anchors, dict[Key, Entry]()
-        sigmas, why = (settings.sigma_normal, settings.sigma_room), "two of its walls stand at those of a planned room"
-        for room, T_bim_room in anchors.rooms.items():
-            if room in rooms:
-                factor = factors.anchor_room, T_bim_room, BIM, R(room), *sigmas
-                entries |= self._entry("anchor", ("room", room), anchors.by, why, *factor)
-        return entries
-
-    def _anchored_levels(self, anchors: Anchors, anchor_of: dict[int, int]) -> dict[Key, Entry]:
-        entries = dict[Key, Entry]()
-        for number, (level, place) in enumerate(middles(anchors).items()):
-            if level in anchor_of:
-                noise = self._plane_noise(self._config.anchors.sigma_normal, anchors.elevations[level][1])
-                side = 1.0 if self._is_floor[level] else -1.0
-                factor = factors.storey_plane, 0.0, W(number), X(anchor_of[level]), F(level), noise, side
-                key, why = ("level", level), "the planned height of a floor or ceiling"
-                entries |= self._place(key, anchors.by, "a frame on the planned surface", place, W(number))
-                entries |= self._entry("anchor", key, anchors.by, why, *factor)
-        return entries
-
-
-def _frames(inputs: GraphInputs) -> Iterator[tuple[int, int, PlannedWall]]:
-    """The key of the frame near each anchored wall, the wall's number, and the planned one."""
-    assert inputs.anchors is not None
-    for number, own in enumerate(planned_walls(inputs.anchors, inputs.anchor_of), len(inputs.anchors.elevations)):
-        yield W(number), *own
 
 
 def _loop(closure: Closure) -> gtsam.NonlinearFactor:

@@ -16,18 +16,6 @@ BIM, LEVEL, GROUND = B(0), L(0), U(0)  # LEVEL is a frame; GROUND is the plane z
 IDENTITY, SAME = O(0), O(1)  # a plane that is seen from its own frame is seen from IDENTITY, in the frame SAME
 
 
-def middles(anchors: Anchors) -> dict[int, Floats]:
-    """(3,) points in the BIM frame at each known level's height, below the origin of the map; frames W(0), W(1), ..."""
-    xy = inverse(anchors.T_map_local)[:2, 3]
-    return {level: np.array([*xy, z]) for level, (z, _) in sorted(anchors.elevations.items())}
-
-
-def planned_walls(anchors: Anchors, anchor_of: dict[int, int]) -> list[tuple[int, PlannedWall]]:
-    """(wall, planned wall) of all anchored walls in the graph; their frames are W(n), W(n + 1), ..., after those of the
-    n level surfaces."""
-    return [(wall, p) for wall, planned in anchors.planes.items() for p in planned if wall in anchor_of]
-
-
 @dataclass(frozen=True)
 class GraphInputs:
     """The inputs of one optimisation: observations of walls and of level surfaces, rooms and anchors; and the keyframe
@@ -41,12 +29,21 @@ class GraphInputs:
     anchor_of_level: dict[int, int] = field(default_factory=dict)
 
     @property
-    def planned(self) -> dict[int, PlannedWall]:
-        """The planned walls of all anchors, by the keys of their frames."""
+    def level_frames(self) -> list[tuple[int, int, Floats]]:
+        """The key of the frame on each planned floor or ceiling, the number of the level surface, and (3,) the frame's
+        place in the BIM frame, below the origin of the map."""
         if self.anchors is None:
-            return {}
-        all_of_them = enumerate(planned_walls(self.anchors, self.anchor_of), len(self.anchors.elevations))
-        return {W(number): planned for number, (_, planned) in all_of_them}
+            return []
+        xy, known = inverse(self.anchors.T_map_local)[:2, 3], sorted(self.anchors.elevations.items())
+        return [(W(number), level, np.array([*xy, z])) for number, (level, (z, _)) in enumerate(known)]
+
+    @property
+    def wall_frames(self) -> list[tuple[int, int, PlannedWall]]:
+        """The key of the frame near each anchored wall in the graph, the wall's number, and the planned one."""
+        if self.anchors is None:
+            return []
+        known = ((wall, p) for wall, planned in self.anchors.planes.items() for p in planned if wall in self.anchor_of)
+        return [(W(number), *own) for number, own in enumerate(known, len(self.anchors.elevations))]
 
 
 def start_values(
@@ -70,9 +67,8 @@ def start_values(
         found[R(room.id)] = gtsam.Pose3(room.T_map_room)
     if (anchors := inputs.anchors) is not None:
         found[BIM] = bim = gtsam.Pose3(anchors.T_map_local)
-        places = [p.place for _, p in planned_walls(anchors, inputs.anchor_of)]
-        for number, place in enumerate([*middles(anchors).values(), *places]):
-            found[W(number)] = bim.compose(gtsam.Pose3(gtsam.Rot3(), place))
+        frames = [*inputs.level_frames, *((frame, wall, p.place) for frame, wall, p in inputs.wall_frames)]
+        found |= {frame: bim.compose(gtsam.Pose3(gtsam.Rot3(), place)) for frame, _, place in frames}
     values = gtsam.Values()
     for key in graph.keyVector():
         if key in found:
@@ -89,7 +85,7 @@ def _planes(
     """The planes of surfaces by number, each in the frame of its keyframe."""
     in_map = {number: plane for number, plane in known.items() if number in anchor_of}
     for number, s in seen:
-        if number in anchor_of and number not in in_map and np.isfinite(s.plane).all():
+        if number in anchor_of and number not in in_map:
             in_map[number] = transform_planes(keyframes[s.keyframe].T_map_sensor, s.plane)
     T_anchor_map = {number: inverse(keyframes[anchor_of[number]].T_map_sensor) for number in in_map}
     return {n: gtsam.OrientedPlane3(transform_planes(T_anchor_map[n], plane)) for n, plane in in_map.items()}

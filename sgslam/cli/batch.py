@@ -111,9 +111,9 @@ def run_job(job: Job) -> None:
     begun = job.record()
     options = job.options
     if begun and begun.get("code") is None and (job.out / "state.bin").is_file():
-        from sgslam.session.checkpoints import about_run
+        from sgslam.session.checkpoints import read_run
 
-        if not about_run(job.out).get("finished"):  # else only the note of its end is missing
+        if not read_run(job.out)[0].get("finished"):  # else only the note of its end is missing
             options = RunOptions(resume=job.out, strict=job.options.strict)
     job.note(None)
     try:

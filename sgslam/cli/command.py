@@ -48,8 +48,9 @@ def call(arguments: list[str]) -> int | None:
         print(f"sgslam {version('sgslam')}")
         return 0
     if name not in COMMANDS:
-        near = "view" if name == "show" else difflib.get_close_matches(name, COMMANDS, 1, 0.0)[0]
-        raise UserError(f"no command '{name}'; did you mean '{near}'? 'sgslam --help' lists all commands")
+        close = ["view"] if name == "show" else difflib.get_close_matches(name, COMMANDS, 1)
+        near = "".join(f"; did you mean '{own}'?" for own in close)
+        raise UserError(f"no command '{name}'{near or ';'} 'sgslam --help' lists all commands")
     module = COMMANDS[name][0]
     if message := foreign_package(module.partition(".")[0]):
         raise UserError(message)

@@ -76,7 +76,7 @@ def _in_one_process(options: RunOptions) -> tuple[dict[str, Any], Path, "LiveVie
         run = Run(inputs, building)
         view = None if page is None else LiveView(page, plan, building.truth)
         watchers = [watcher.add_scan for watcher in (view, log) if watcher is not None]
-        metrics = run.finish(run_scans(run.slam, inputs, run.progress, run.checkpoints, watchers))
+        metrics = run.finish(run_scans(run.slam, inputs, run.progress, run.save, watchers))
         if log is not None:
             log.add_map(run.slam)
     return metrics, out, view

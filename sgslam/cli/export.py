@@ -1,10 +1,10 @@
 """`python -m sgslam.cli.export --out OUT --format NAME ...`: exports a finished run to the formats of other programs.
 
-All files are written to the run's folder, in the frame of its `trajectory.tum`. The default formats are `ifc` and
-`bcf`, which need the building's model (`--bim`): `as_built.ifc` is a copy of the model with the verdict on
-each element (property set `AsBuilt`, and colours); `deviations.bcf` (BCF 2.1) and `deviations_3.0.bcf` have a topic for
-each wall that deviates from the plan. `cloud-to-model` needs it too, and the extra `open3d`: the distance of every
-point of the map from the planned face that it was measured on.
+All files are written to the run's folder, in the frame of its `trajectory.tum`. Some formats need the building's model
+(`--bim`): `as_built.ifc` is a copy of the model with the verdict on each element (property set `AsBuilt`, and colours);
+`deviations.bcf` (BCF 2.1) and `deviations_3.0.bcf` have a topic for each wall that deviates from the plan;
+`cloud-to-model`, which needs the extra `open3d` too, is the distance of every point of the map from the planned face
+that it was measured on.
 """
 
 from collections.abc import Callable
@@ -22,7 +22,8 @@ IFC = "as_built.ifc"
 
 
 def export(out: Path, formats: list[str], bim: Path | None = None, voxel: float | None = None) -> list[str]:
-    """Writes the formats (names in FORMATS or NEED_MODEL, or `all` for every possible one); returns one line per file.
+    """Writes the formats (names in FORMATS, or `all` for every possible one); returns one line for each file, and for
+    what is left out of `all`.
 
     `voxel` is the side of the point cloud map's voxels (m); None takes the run's setting. Raises UserError for a folder
     that is not a run's or lacks needed files, a format that needs `bim` if it is not given, `ifc` and `bcf` of a run
@@ -30,25 +31,25 @@ def export(out: Path, formats: list[str], bim: Path | None = None, voxel: float 
     """
     from sgslam.report import RunFolder
 
-    run = RunFolder.read(out)
-    has_model = bim is not None and run.T_bim_map is not None
+    run, lines, without = RunFolder.read(out), list[str](), dict[str, str]()
     if "all" in formats:
-        formats = [*FORMATS, *(NEED_MODEL if has_model else ())]
-        if find_spec("open3d") is None and has_model:
-            formats.remove("cloud-to-model")
-    lines = []
+        if run.T_bim_map is None:
+            without = dict.fromkeys(NEED_MODEL, "the run was not anchored")
+        elif bim is None:
+            without = dict.fromkeys(NEED_MODEL, "give the run's model, --bim FILE")
+        elif find_spec("open3d") is None:
+            without = {"cloud-to-model": "pip install 'sgslam[open3d]'"}
+        formats = [name for name in FORMATS if name not in without]
     for name in formats:
-        if name in FORMATS:
-            lines += FORMATS[name](run, voxel)
-            continue
-        if bim is None:
-            raise UserError(f"--format {name}: needs the run's IFC model; give --bim too")
-        run.anchored()
-        lines += NEED_MODEL[name](run, bim, voxel)
-    return lines
+        if name in NEED_MODEL:
+            if bim is None:
+                raise UserError(f"--format {name}: needs the run's IFC model; give --bim too")
+            run.anchored()
+        lines += FORMATS[name](run, bim or Path(), voxel or run.config.clouds.map_voxel)
+    return [*lines, *(f"{name}: left out; {why}" for name, why in without.items())]
 
 
-def _kitti(run: "RunFolder", voxel: float | None) -> list[str]:
+def _kitti(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
     from data.trajectory import Trajectory
     from data.trajectory.readers import write_kitti
 
@@ -58,7 +59,7 @@ def _kitti(run: "RunFolder", voxel: float | None) -> list[str]:
     return [f"{poses}: {len(trajectory)} poses; times in {times.name}"]
 
 
-def _euroc(run: "RunFolder", voxel: float | None) -> list[str]:
+def _euroc(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
     from data.trajectory import Trajectory
     from data.trajectory.readers import write_euroc
 
@@ -67,16 +68,16 @@ def _euroc(run: "RunFolder", voxel: float | None) -> list[str]:
     return [f"{file}: {len(trajectory)} poses"]
 
 
-def _ply(run: "RunFolder", voxel: float | None) -> list[str]:
+def _ply(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
     from data.scans.writers import write_ply
 
-    voxel, file = voxel or run.config.clouds.map_voxel, run.path / "map.ply"
+    file = run.path / "map.ply"
     points, _ = run.map_points(voxel)
     write_ply(file, points, f"{run.frame} frame, metres, voxels of {voxel:g} m")
     return [f"{file}: {len(points)} points, voxels of {voxel:g} m"]
 
 
-def _ifc(run: "RunFolder", bim: Path, voxel: float | None) -> list[str]:
+def _ifc(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
     from data.ifc.deviations import write_as_built
 
     _require_elements(run)
@@ -88,7 +89,7 @@ def _ifc(run: "RunFolder", bim: Path, voxel: float | None) -> list[str]:
     return [f"{target}: {marked} elements with the property set AsBuilt, {len(unplanned)} unplanned walls added"]
 
 
-def _bcf(run: "RunFolder", bim: Path, voxel: float | None) -> list[str]:
+def _bcf(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
     from data.ifc.bcf import Model
     from data.ifc.deviations import project_of
     from sgslam.as_built.findings import BCF, write_topics
@@ -104,14 +105,14 @@ def _require_elements(run: "RunFolder") -> None:
         raise UserError(f"{run.path}: has no elements.json, which an anchored run writes itself; run it again")
 
 
-def _cloud_to_model(run: "RunFolder", bim: Path, voxel: float | None) -> list[str]:
+def _cloud_to_model(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
     from data.plans.elements import planned_elements
     from sgslam.as_built.elements.files import write_tables
     from sgslam.cloud_to_model import distances_to_model, load_open3d
     from sgslam.cloud_to_model.files import write_cloud_to_model
 
     load_open3d()  # refused before anything is computed
-    points, towards = run.map_points(voxel or run.config.clouds.map_voxel)
+    points, towards = run.map_points(voxel)
     elements, settings = planned_elements(bim), run.config.as_built
     found = distances_to_model(points, towards, elements, settings.cloud_reach)
     cloud, *others = write_cloud_to_model(run.path, found, elements, settings.tolerance)
@@ -122,27 +123,32 @@ def _cloud_to_model(run: "RunFolder", bim: Path, voxel: float | None) -> list[st
     return [near, *map(str, others)]
 
 
-FORMATS: dict[str, Callable[["RunFolder", float | None], list[str]]] = {"kitti": _kitti, "euroc": _euroc, "ply": _ply}
-NEED_MODEL: dict[str, Callable[["RunFolder", Path, float | None], list[str]]] = {
+FORMATS: dict[str, Callable[["RunFolder", Path, float], list[str]]] = {
+    "kitti": _kitti,
+    "euroc": _euroc,
+    "ply": _ply,
     "ifc": _ifc,
     "bcf": _bcf,
     "cloud-to-model": _cloud_to_model,
 }
+NEED_MODEL = ("ifc", "bcf", "cloud-to-model")
 
 
 def main(arguments: list[str] | None = None) -> int:
     """The command line; raises UserError."""
-    about, names = "Export a finished run to the formats of other programs.", [*FORMATS, *NEED_MODEL, "all"]
+    about, names = "Export a finished run to the formats of other programs.", [*FORMATS, "all"]
     parser = Parser(prog="python -m sgslam.cli.export", description=about)
     add = parser.add_argument
     add("--out", type=Path, required=True, metavar="DIR", help="--out folder of a run; the files are written into it")
-    formats = f"one or more of {', '.join(names[:-1])}, or all (default: ifc bcf)"
-    add("--format", nargs="+", choices=names, default=["ifc", "bcf"], metavar="NAME", help=formats)
+    formats = f"one or more of {', '.join(FORMATS)}, or all"
+    add("--format", nargs="+", choices=names, default=[], metavar="NAME", help=formats)
     add("--bim", type=Path, metavar="FILE", help=f"the run's IFC model; needed for {', '.join(NEED_MODEL)}")
     add("--voxel", type=float, metavar="M", help="voxel size of the point cloud, metres (default: the run's)")
     options = parser.parse_args(arguments)
     if options.voxel is not None and not 1e-3 <= options.voxel <= 10:
         raise UserError(f"--voxel {options.voxel:g}: out of range; give 0.001 to 10 metres")
+    if not options.format:
+        raise UserError(f"--format is missing; give {formats}")
     for line in export(options.out, options.format, options.bim, options.voxel):
         print(line)
     return 0

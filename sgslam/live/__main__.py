@@ -8,7 +8,7 @@ from typing import Any
 
 from data.common.cli import Parser, run_command
 from data.common.errors import UserError
-from sgslam.cli.options import COMMON, MOST_WAITING, RunOptions, add_options, bounded
+from sgslam.cli.options import COMMON, RunOptions, add_options, bounded
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -22,7 +22,7 @@ def main(arguments: list[str] | None = None) -> int:
     from sgslam.cli.job.run import Interruption
     from sgslam.cli.processes.tracking_side import settle_threads
     from sgslam.live.live_slam import LiveSlam
-    from sgslam.live.loop import LiveLoop, PoseLines
+    from sgslam.live.loop import LiveLoop
     from sgslam.result.saving import prepare_folder
 
     config, _ = read_settings(options)
@@ -33,10 +33,9 @@ def main(arguments: list[str] | None = None) -> int:
     logging.getLogger("sgslam").setLevel(logging.INFO)
     with Interruption() as interruption:
         place: dict[str, Any] = {"storey": options.storey, "start": options.start, "map": options.map}
-        live = LiveSlam(out, options.bim, config=config, **place, most_waiting=given.most_waiting, more=options)
+        live = LiveSlam(out, options.bim, config=config, **place, more=options)
         gc.freeze()  # what is loaded stays: the garbage collector need not scan it
-        poses = None if given.source == "-" else PoseLines(sys.stdin)
-        loop = LiveLoop(live, stream, sys.stdout, poses, given.idle, lambda: bool(interruption))
+        loop = LiveLoop(live, stream, sys.stdout, given.idle, lambda: bool(interruption))
         print(f"ready; results will be in {out}", file=sys.stderr)
         fault = loop.run()
     print(f"{live.waiting} scans still wait for the map; then the results are written", file=sys.stderr)
@@ -48,10 +47,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _parser() -> Parser:
-    about = (
-        "Track scans as they arrive and print a line of JSON for each; a second process builds the map and anchors it. "
-        "Lines 'initialpose X Y YAW' on standard input give the sensor's present pose (m, rad), if SOURCE is a folder."
-    )
+    about = "Track scans as they arrive and print a line of JSON for each; a second process builds and anchors the map."
     parser = Parser(prog="python -m sgslam.live", description=about)
     add = parser.add_argument
     add("source", metavar="SOURCE", help="folder into which scans are written, or - for MCAP records on standard input")
@@ -59,9 +55,6 @@ def _parser() -> Parser:
     add_options(parser, *COMMON, odometry=odometry)
     idle = "end after so many seconds without a scan (default: at Ctrl-C)"
     add("--idle", type=bounded("--idle", float, 1e-3, " seconds"), metavar="S", help=idle)
-    most = f"maximum number of scans that wait for the map; then tracking waits (default {MOST_WAITING})"
-    waiting = bounded("--most-waiting", int, 1)
-    add("--most-waiting", type=waiting, default=MOST_WAITING, metavar="N", help=most)
     return parser
 
 

@@ -25,8 +25,8 @@ __all__ = ["Answer", "HeldAnchor", "LiveSlam"]
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class Answer:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Answer(MapState):
     """What is known right after a scan at `stamp_ns`.
 
     `T_odom_sensor` (4, 4), metres, is the tracker's pose. It never jumps, except in the first seconds: until the
@@ -46,16 +46,9 @@ class Answer:
 
     stamp_ns: int
     T_odom_sensor: Floats
-    T_map_odom: Floats
-    T_bim_map: Floats | None
     health: Health | None
-    anchors: tuple[HeldAnchor, ...]
-    map_stamp_ns: int | None
-    part: int
-    keyframes: int
     waiting: int
     seconds: float
-    place: tuple[float, float] = (0.0, 0.0)
 
     @property
     def T_map_sensor(self) -> Floats:  # noqa: N802
@@ -139,7 +132,7 @@ class LiveSlam:
         config = config or Config()
         compile_ahead().wait()
         self._seconds, self._most_waiting = list[float](), 0  # of the answers
-        self._map = MappingProcess(most_waiting, warns=True)
+        self._map = MappingProcess(most_waiting)
         try:
             self._map.begin(RunInputs(options, config, PassedScans(out)))
             warm_up(config, with_map=False)  # while that process reads the building
@@ -169,20 +162,14 @@ class LiveSlam:
         T_odom_sensor, health = self._newest(self._side.add_scan(stamp_ns, points, point_times))
         known, part = self._map.state, self._side.tracking.part
         if known.part != part:  # that map is of the frame `odom` before
-            known = MapState(map_stamp_ns=known.map_stamp_ns, keyframes=known.keyframes)
+            known = MapState(part=part, map_stamp_ns=known.map_stamp_ns, keyframes=known.keyframes)
         answer = Answer(
+            **vars(known),
             stamp_ns=int(stamp_ns),
             T_odom_sensor=T_odom_sensor,
-            T_map_odom=known.T_map_odom,
-            T_bim_map=known.T_bim_map,
             health=health,
-            anchors=known.anchors,
-            map_stamp_ns=known.map_stamp_ns,
-            part=part,
-            keyframes=known.keyframes,
             waiting=self._map.waiting,
             seconds=perf_counter() - began,
-            place=known.place,
         )
         self._seconds.append(answer.seconds)
         self._most_waiting = max(self._most_waiting, answer.waiting)

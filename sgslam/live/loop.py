@@ -1,14 +1,10 @@
-"""The loop of `sgslam live`: takes scans as they come and writes a line for each; lines on standard input change it."""
+"""The loop of `sgslam live`: takes scans as they come and writes a line for each."""
 
 import contextlib
 import json
-import math
 import os
 import queue
-import signal
-import sys
 import threading
-from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from time import perf_counter
@@ -17,47 +13,9 @@ from typing import Any, TextIO
 from data.common.errors import UserError
 from data.scans import Scan
 from data.streams import Arrival, ScanStream
-from sgslam.cli.options import Triple
 from sgslam.cli.processes.mapping_process import HeldAnchor
 from sgslam.live.live_slam import Answer, LiveSlam
 from sgslam.perception.scan_checks import in_metres_and_sensor_frame
-
-_FORM = "initialpose X Y YAW (m, m, rad)"
-
-
-def read_pose(line: str) -> Triple | None:
-    """The pose that a line gives; None where it has another form."""
-    name, *words = line.split() or [""]
-    if name != "initialpose" or len(words) != 3:
-        return None
-    try:
-        x, y, yaw = (float(word) for word in words)
-    except ValueError:
-        return None
-    return (x, y, yaw) if all(map(math.isfinite, (x, y, yaw))) else None
-
-
-class PoseLines:
-    """Reads poses from lines, in a thread of its own. A line of another form is reported on standard error."""
-
-    def __init__(self, lines: TextIO) -> None:
-        self._newest: deque[Triple] = deque(maxlen=1)
-        if threading.current_thread() is threading.main_thread():
-            signal.signal(signal.SIGTTIN, signal.SIG_IGN)  # a job in the background reads nothing, and is not stopped
-        threading.Thread(target=self._read, args=(lines,), daemon=True).start()
-
-    def newest(self) -> Triple | None:
-        """The newest pose since the last call; None if there is none."""
-        return self._newest.pop() if self._newest else None
-
-    def _read(self, lines: TextIO) -> None:
-        with contextlib.suppress(OSError, ValueError):  # no standard input
-            for line in lines:
-                pose = read_pose(line)
-                if pose is not None:
-                    self._newest.append(pose)
-                elif line.strip():
-                    print(f"not understood: '{line.strip()}'; write {_FORM}", file=sys.stderr)
 
 
 @dataclass
@@ -67,7 +25,6 @@ class LiveLoop:
     live: LiveSlam
     stream: ScanStream
     out: TextIO
-    poses: PoseLines | None
     idle: float | None
     is_over: Callable[[], bool]
     _anchors: tuple[HeldAnchor, ...] = ()
@@ -91,9 +48,6 @@ class LiveLoop:
         return None
 
     def _add(self, scan: Scan) -> None:
-        pose = None if self.poses is None else self.poses.newest()
-        if pose is not None:
-            self.live.set_start(*pose)
         answer = self.live.add_scan(scan.stamp_ns, scan.points, scan.point_times, came_s=self._came_s)
         self._answers += 1
         print(json.dumps(self._line(scan, answer)), file=self.out, flush=True)

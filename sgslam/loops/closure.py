@@ -170,7 +170,7 @@ class LoopCloser:
             f"agreement {fit.agreement:.2f}, next best {fit.runner_up:.2f}"
         )
         covariance = covariance_of(found, T_frame_sensor, _SIGMA)
-        return Closure(j, i, T_earlier_later, covariance, correction, angle_of(motion), "position", why)
+        return Closure(j, i, T_earlier_later, covariance, correction, angle_of(motion), why)
 
     def _accepted(self, known: _Map) -> list[Closure]:
         """The pending closures that can be accepted now."""

@@ -83,7 +83,7 @@ class Closure:
     """A loop closure: keyframe `later` revisits the place of keyframe `earlier`.
 
     T_earlier_later (4, 4) has a covariance (6, 6), rotation first, in the later one's axes. `correction` (m) and `turn`
-    (rad) are its correction of the map; `by` is what proposed it, `why` the reason to accept it.
+    (rad) are its correction of the map; `why` is the reason to accept it.
     """
 
     earlier: int
@@ -92,7 +92,6 @@ class Closure:
     covariance: Floats
     correction: float
     turn: float
-    by: str
     why: str
 
 

@@ -1,5 +1,5 @@
 """The result of a run, assembled from its final map, and its output folder."""
 
-from sgslam.result.result import PoseCovariances, Result
+from sgslam.result.result import Result
 
-__all__ = ["PoseCovariances", "Result"]
+__all__ = ["Result"]

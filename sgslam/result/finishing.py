@@ -1,9 +1,7 @@
 """Assembles the result of a run from its final map."""
 
 import logging
-import math
 from collections import Counter
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -11,15 +9,14 @@ from numpy.typing import NDArray
 
 from data import SceneGraph
 from data.trajectory import Trajectory
+from sgslam.anchoring import BuildingAnchoring
 from sgslam.anchoring.soundness import shipped
-from sgslam.backend import Backend, Uncertainty
 from sgslam.config import Config
-from sgslam.result.result import PoseCovariances, Result
+from sgslam.result.result import Result
 from sgslam.session.active_map import ActiveMap
-from sgslam.session.place_report import PlaceReport
 from sgslam.session.prior_map import PriorMap
 from sgslam.session.scan_poses import RunPoses, ScanPose, at_stamps, newest_run, odometry_begins, odometry_of
-from sgslam.session.soundness.quality import Quality, at_least, contradiction, placed_signals, quality_of
+from sgslam.session.soundness.quality import PlaceReport, Quality, at_least, contradiction, placed_signals, quality_of
 from sgslam.session.soundness.scan_uncertainty import (
     ScanUncertainty,
     scan_uncertainty,
@@ -34,8 +31,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
-_COVARIANCES = 50  # poses whose covariance is computed
-_NEARLY = 0.9  # probability of a place from which on the user may accept it
 _HELPS = {  # by the status of an answer of the matcher
     "ambiguous": "to tell these places apart, visit more rooms, name the storey (--storey NAME), or give a rough start "
     "pose (--start X,Y,YAW)",
@@ -69,14 +64,24 @@ def assemble_result(
     standing = None
     if bim is not None and anchoring is not None and matches is not None:
         standing = standing_walls(bim, alignments, floors, anchoring.origin)
-    place = _judged(final, run, known, standing, config)
-    T_bim_map, reason = place.T_bim_map, place.reason
-    states = ScanUncertainty.joined([place.own, *_apart(unplaced, config)])
+    T_bim_map, place, reason = final.T_bim_map, None, NO_PLAN
+    own = scan_uncertainty(final, run.begin, known, T_bim_map, config)
+    quality = _quality(final, run, own, config)
+    if anchoring is not None:
+        place, refused = _place(anchoring, final, run, own, quality, standing, config)
+        reason = refused or anchoring.reason
+        if refused is None:
+            quality["place_probability"] = at_least(place.probability, config.quality.place_probability)
+        elif T_bim_map is not None:
+            T_bim_map, own = None, scan_uncertainty(final, run.begin, known, None, config)
+            quality = _quality(final, run, own, config)
+    apart = [scan_uncertainty(p, 0, p.backend.uncertainty(), None, config, n) for n, p in enumerate(unplaced, 1)]
+    states = ScanUncertainty.joined([own, *apart])
     if T_bim_map is None:
-        advice = [*advice, *_what_helps(matches, reason), *_nearly_sure(place.place, config)]
-        apart = int((states.part > 0).sum())
-        if apart and anchoring is not None:
-            reason = f"{reason}; the map has several parts: {apart} of {len(states.part)} scans are not in the first"
+        advice = [*advice, *_what_helps(matches, reason)]
+        others = int((states.part > 0).sum())
+        if others and anchoring is not None:
+            reason = f"{reason}; the map has several parts: {others} of {len(states.part)} scans are not in the first"
     elif missing := what_is_not_anchored(states):
         reason = f"{reason}; {missing}"
     first_anchor_s = None  # seconds from the run's first scan in the map
@@ -94,16 +99,15 @@ def assemble_result(
         a_graph=bim,
         matches=matches,
         anchors=[record.to_dict() for record in anchoring.records] if anchoring is not None else [],
-        factors=backend.log,
-        pose_covariances=_covariances(backend, known, T_bim_map, run.in_map, run.begin),
+        factors=backend.held,
         first_anchor_s=first_anchor_s,
         keyframes=len(backend.keyframes),
         seconds=dict(final.stopwatch.seconds),
         config=config,
         clouds=final.clouds,
         uncertainty=states,
-        quality=place.quality,
-        place=place.place,
+        quality=quality,
+        place=place,
         tracked=run.tracked,
         earlier=tuple(path if T_bim_map is None else path.transformed(T_bim_map) for path in run.earlier),
         relocalisation=relocalisation,
@@ -112,50 +116,29 @@ def assemble_result(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Judged:
-    """The map's place in the plan, T_bim_map (4, 4), None without one that holds; why or why not; how well the scans in
-    the map are known; the map's quality; and what is believed of the place that was found, if one was."""
-
-    T_bim_map: Floats | None
-    reason: str
-    own: ScanUncertainty
-    quality: Quality
-    place: PlaceReport | None
-
-
-def _judged(
-    final: ActiveMap, run: RunPoses, known: Uncertainty | None, standing: SceneGraph | None, config: Config
-) -> _Judged:
-    """The place that was found, unless no scan is known well enough there, or the map is probably not sound."""
-    anchoring, T_bim_map = None if final.plan_is_prior else final.anchoring, final.T_bim_map
-    own = scan_uncertainty(final, run.begin, known, T_bim_map, config)
-    quality = _quality(final, run, own, config)
-    if anchoring is None:
-        return _Judged(T_bim_map, NO_PLAN, own, quality, None)
-    posterior, refused = anchoring.posterior, None
+def _place(
+    anchoring: BuildingAnchoring,
+    final: ActiveMap,
+    run: RunPoses,
+    own: ScanUncertainty,
+    quality: Quality,
+    standing: SceneGraph | None,
+    config: Config,
+) -> tuple[PlaceReport, str | None]:
+    """What is believed of the map's place, and why it does not hold: there is none, no scan is known well enough there,
+    or the map is probably not sound."""
+    T_bim_map = final.T_bim_map
     if T_bim_map is None or standing is None:
-        return _Judged(None, anchoring.reason, own, quality, PlaceReport(posterior))
-    begins, through = odometry_begins(run.scans), _through_walls(final, run, T_bim_map, standing)
+        return PlaceReport(anchoring.posterior), anchoring.reason
+    keyframes = [k for k, keyframe in enumerate(final.backend.keyframes) if keyframe.scan >= run.begin]
+    through = share_looked_through(T_bim_map @ final.backend.poses[keyframes], keyframes, final.clouds, standing)
+    begins = odometry_begins(run.scans)
     signals = placed_signals(quality, run.in_map, begins, own, T_bim_map, standing, through)
     sound = shipped().judged(signals)
-    place = PlaceReport(posterior, sound, signals, T_bim_map)
+    place = PlaceReport(anchoring.posterior, sound, signals, T_bim_map)
     if not own.anchored.any():
-        refused = why_none_is_anchored(own, config.quality)
-    else:
-        refused = contradiction(place.probability, sound, signals, config.anchors.withdraw)
-    if refused:
-        own = scan_uncertainty(final, run.begin, known, None, config)
-        return _Judged(None, refused, own, _quality(final, run, own, config), place)
-    quality["place_probability"] = at_least(place.probability, config.quality.place_probability)
-    return _Judged(T_bim_map, anchoring.reason, own, quality, place)
-
-
-def _through_walls(final: ActiveMap, run: RunPoses, T_bim_map: Floats, standing: SceneGraph) -> float:
-    """The share of the rays of this run's keyframes that lead through standing walls."""
-    own = [k for k, keyframe in enumerate(final.backend.keyframes) if keyframe.scan >= run.begin]
-    poses = T_bim_map @ final.backend.poses[own]
-    return share_looked_through(poses, own, final.clouds, standing)
+        return place, why_none_is_anchored(own, config.quality)
+    return place, contradiction(place.probability, sound, signals, config.anchors.withdraw)
 
 
 def _what_helps(matches: "MatchesFile | None", reason: str) -> list[str]:
@@ -163,17 +146,6 @@ def _what_helps(matches: "MatchesFile | None", reason: str) -> list[str]:
     if matches is None or matches["reason"] != reason or matches["status"] not in _HELPS:
         return []
     line = _HELPS[matches["status"]]
-    _log.warning("%s", line)
-    return [line]
-
-
-def _nearly_sure(place: PlaceReport | None, config: Config) -> list[str]:
-    """A line, where a place is probable but not enough to be anchored there."""
-    is_open = place is not None and place.T_bim_map is None  # else it was refused for another reason
-    least = math.floor(1000 * place.probability) / 1000 if place is not None and is_open else 0.0
-    if not _NEARLY <= least < config.anchors.commit:
-        return []
-    line = f"the best place has a probability of {100 * least:.1f} %; --set anchors.commit={least:g} accepts that"
     _log.warning("%s", line)
     return [line]
 
@@ -192,27 +164,3 @@ def _live(scans: list[ScanPose], states: ScanUncertainty, T_bim_map: Floats | No
     """The scans' poses in the map as they were estimated when each came; of an anchored run, in the BIM frame."""
     live = at_stamps(scans, np.stack([scan.T_map_sensor for scan in scans]))
     return live if T_bim_map is None else live.only(states.anchored).transformed(T_bim_map)
-
-
-def _apart(unplaced: list[PriorMap], config: Config) -> list[ScanUncertainty]:
-    """The scans of the submaps that were not relocalised, each in its own frame."""
-    return [
-        scan_uncertainty(part, 0, part.backend.uncertainty(), None, config, number)
-        for number, part in enumerate(unplaced, 1)
-    ]
-
-
-def _covariances(
-    backend: Backend, uncertainty: Uncertainty | None, T_bim_map: Floats | None, in_map: Trajectory, begin: int
-) -> PoseCovariances | None:
-    if uncertainty is None or T_bim_map is None:
-        return None
-    own = [i for i, keyframe in enumerate(backend.keyframes) if keyframe.scan >= begin]
-    places = np.unique(np.linspace(0, len(own) - 1, min(len(own), _COVARIANCES)).astype(int))
-    chosen = np.array(own)[places]
-    scans = np.searchsorted(in_map.stamps_ns, [backend.keyframes[i].stamp_ns for i in chosen])
-    covariances = uncertainty.pose_covariances(chosen.tolist())
-    order = np.argsort(scans)
-    return PoseCovariances(
-        Trajectory(in_map.stamps_ns[scans[order]], T_bim_map @ in_map.poses[scans[order]]), covariances[order]
-    )

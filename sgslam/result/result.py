@@ -10,15 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph
-from data.geometry.poses import poses_to_xyzquat
+from data.geometry.poses import poses_to_xyzquat, xyzquat_to_poses
 from data.plans.bim import IFC_SUFFIXES
 from data.trajectory import Trajectory
-from sgslam.backend import FactorLog
+from sgslam.backend import HeldFactors
 from sgslam.config import Config
 from sgslam.mapping import KeyframeClouds
-from sgslam.session.checkpoints import Checkpoints, Resumable
-from sgslam.session.place_report import PlaceReport
-from sgslam.session.soundness.quality import Quality
+from sgslam.session.checkpoints import write_run
+from sgslam.session.soundness.quality import PlaceReport, Quality
 from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
 from sgslam.types import Health, Relocalisation
 
@@ -27,20 +26,10 @@ if TYPE_CHECKING:
     from data.plans.bodies import PlannedElement
     from matching.result import MatchesFile
     from sgslam.as_built import Assessment, Deviation
+    from sgslam.as_built.elements.rays import View
+    from sgslam.session.run_state import RunState
 
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class PoseCovariances:
-    """Covariances of some keyframe poses, evenly spaced over the run.
-
-    `trajectory` holds T_bim_sensor of these keyframes; `covariances` (N, 6, 6) are rotation first (rad), then
-    translation (m), in the sensor's axes.
-    """
-
-    trajectory: Trajectory
-    covariances: Floats
 
 
 @dataclass(frozen=True)
@@ -54,11 +43,10 @@ class Result:
     `trajectory`, in its frame, with the poses that were estimated when the scans arrived; None without a second pass.
     `T_bim_map` (4, 4) is the map's pose in the BIM frame, None if the run is not anchored. `s_graph` is in the map
     frame; `a_graph` is in the BIM frame, None without a plan. `matches` has the form of matches.json, None if nothing
-    was matched. `anchors` is the log of
-    all anchors: what added each, and when and why it changed. `factors` is the back end's log: the active factors, and
-    those added and withdrawn. `clouds` are indexed by keyframe number, `k<number>` in the S-graph. `first_anchor_s`
-    counts from the first scan. `seconds` is the time of each stage. `earlier` are the trajectories of the prior map's
-    runs, in the frame of `trajectory`. `pose_covariances` is None if the run is not anchored, `relocalisation` is None
+    was matched. `anchors` is the log of all anchors: what added each, and when and why it changed. `factors` are
+    those of the graph, by kind and key. `clouds` are indexed by keyframe number, `k<number>` in the S-graph.
+    `first_anchor_s` counts from the first scan. `seconds` is the time of each stage.
+    `earlier` are the trajectories of the prior map's runs, in the frame of `trajectory`. `relocalisation` is None
     without a prior map. `tracked` is the number of good, degraded and lost scans; `uncertainty` has a line for each
     scan, and `quality` says whether the map is sound. `advice` has a line for each thing that seems wrong with the
     scans or with what the user stated about them. `plan_file` is the file that the plan was read from, None if it is
@@ -76,8 +64,7 @@ class Result:
     a_graph: SceneGraph | None
     matches: "MatchesFile | None"
     anchors: list[dict[str, Any]]
-    factors: FactorLog
-    pose_covariances: PoseCovariances | None
+    factors: HeldFactors
     first_anchor_s: float | None
     keyframes: int
     seconds: dict[str, float]
@@ -93,7 +80,7 @@ class Result:
     trajectory_live: Trajectory | None = None
     plan_file: Path | None = None
     given: Trajectory | None = None
-    slam: Resumable | None = None
+    slam: "RunState | None" = None
 
     @property
     def deviations(self) -> "list[Deviation]":
@@ -108,13 +95,27 @@ class Result:
         walls and levels of `a_graph`. Raises UserError for a model that cannot be read any more.
         """
         from sgslam.as_built import AnchoredMap, Assessment, assess
-        from sgslam.result.views import keyframe_views
 
         if self.T_bim_map is None or self.a_graph is None:
             return Assessment()
-        views = keyframe_views(self.s_graph, self.T_bim_map, self.uncertainty, self.clouds)
-        run = AnchoredMap(self.s_graph, self.a_graph, self.T_bim_map, self.matches, views)
+        run = AnchoredMap(self.s_graph, self.a_graph, self.T_bim_map, self.matches, self._views(self.T_bim_map))
         return assess(run, *self._planned(), self.config.as_built.tolerance, self.config.anchors.sigma_extraction)
+
+    def _views(self, T_bim_map: Floats) -> "list[View]":
+        """What the keyframes that have a cloud saw, in the BIM frame."""
+        from sgslam.as_built.elements.rays import View
+
+        keyframes, scans = self.s_graph.keyframes, self.uncertainty
+        poses = T_bim_map @ xyzquat_to_poses(np.array([keyframe.pose for keyframe in keyframes]))
+        stamps = [keyframe.stamp_ns for keyframe in keyframes]
+        sigma = scans.sigma[np.clip(np.searchsorted(scans.stamps_ns, stamps), 0, len(scans.stamps_ns) - 1)]
+        heading = np.nan_to_num(sigma[:, 5], nan=np.inf)
+        views = []
+        for keyframe, T, own, turn in zip(keyframes, poses, sigma[:, :3], heading, strict=True):
+            points = self.clouds[int(keyframe.id[1:])]
+            if len(points) and np.isfinite(own).all():
+                views.append(View(points, T, own, float(turn)))
+        return views
 
     def _planned(self) -> "tuple[Sequence[PlannedElement], Floats]":
         """The elements of the plan, and the bodies (M, 3, 3) of what else it shows."""
@@ -137,7 +138,7 @@ class Result:
         out = prepare_folder(Path(out))
         save_result(self, out)
         if self.slam is not None:
-            Checkpoints(out, {}).write(self.slam, {}, finished=True)
+            write_run(out, {"finished": True}, self.slam.state())
 
     def metrics(self) -> dict[str, Any]:
         """The content of metrics.json, without the fields that the command line adds."""

@@ -19,7 +19,7 @@ from data.trajectory.trajectory import moved_with
 from sgslam.as_built.elements.files import remove_elements, write_elements
 from sgslam.as_built.findings import remove_topics, write_topics
 from sgslam.backend import write_pose_graph
-from sgslam.backend.factor_log import POSE_GRAPH
+from sgslam.backend.held_factors import POSE_GRAPH
 from sgslam.config.loading import save_config
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.report import ReportData

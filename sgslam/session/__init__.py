@@ -1,7 +1,6 @@
 """A run's maps and their memory: the active map, the prior map, and checkpoints."""
 
 from sgslam.session.active_map import ActiveMap
-from sgslam.session.checkpoints import Checkpoints
 from sgslam.session.prior_map import PriorMap
 from sgslam.session.session import Session
 from sgslam.session.snapshot import Snapshot
@@ -9,7 +8,6 @@ from sgslam.session.stopwatch import Stopwatch
 
 __all__ = [
     "ActiveMap",
-    "Checkpoints",
     "PriorMap",
     "Session",
     "Snapshot",

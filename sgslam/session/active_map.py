@@ -19,8 +19,7 @@ from sgslam.mapping.wall_points import faces_of, wall_points
 from sgslam.perception import keyframe_scan
 from sgslam.registration.motion import few_points, motion_since_begin
 from sgslam.session.scan_points import ScanPoints
-from sgslam.session.scan_poses import ScanPose
-from sgslam.session.soundness.step_uncertainty import StepUncertainty
+from sgslam.session.scan_poses import ScanPose, StepUncertainty
 from sgslam.session.stopwatch import Stopwatch
 from sgslam.surfels import SurfelMap
 from sgslam.types import TrackedScan
@@ -53,8 +52,8 @@ class ActiveMap:
         self.scans: list[ScanPose] = []
         self.begins = [0]
         self.first_anchor_ns: int | None = None
-        self._steps, self._covariance = StepUncertainty(config.odometry), np.zeros((6, 6))
-        self.is_external = False  # the newest scan's pose is an external odometry's
+        self._steps = StepUncertainty(config.odometry)
+        self._is_external = False  # the newest scan's pose is an external odometry's
 
     @property
     def plan_is_prior(self) -> bool:
@@ -86,11 +85,6 @@ class ActiveMap:
         newest = self.backend.keyframes[-1]
         return squared_up(newest.T_map_sensor @ inverse(self.scans[newest.scan].T_odom_sensor))
 
-    @property
-    def T_ground_map(self) -> Floats:  # noqa: N802
-        """(4, 4) the levelled map of the present floor, with z = 0 at the ground under the sensor."""
-        return raised(self.floors.current.walls.T_level_map, -self.transition.ground)
-
     def add_scan(self, scan: TrackedScan) -> bool:
         """Adds a tracked scan; returns whether a keyframe is due."""
         keyframes = self.backend.keyframes
@@ -110,7 +104,7 @@ class ActiveMap:
                 T_begin_sensor=motion_since_begin(scan),
             )
         )
-        self._covariance, self.is_external = scan.covariance, scan.raw.T_odom_sensor is not None
+        self._is_external = scan.raw.T_odom_sensor is not None
         self.points.add(scan)
         if scan.raw.step_covariance is not None and len(self.scans) > 1:
             R_sensor_before = scan.T_odom_sensor[:3, :3].T @ self.scans[-2].T_odom_sensor[:3, :3]
@@ -146,7 +140,7 @@ class ActiveMap:
         tracked = before @ scan.T_keyframe_sensor  # unlike the map, this does not jump when the graph is optimised
         storey = None if self.transition.active else self.floors.current.number
         keyframe = KeyframeNode(len(self.scans) - 1, scan.stamp_ns, tracked, scan.T_map_sensor, storey=storey)
-        keyframe.step_covariance, keyframe.weak_step = self._steps.leave(self._covariance, self.is_external)
+        keyframe.step_covariance, keyframe.weak_step = self._steps.leave(scan.covariance, self._is_external)
         if points is not None:
             with self.stopwatch("surfaces"):
                 if storey is not None:
@@ -159,7 +153,8 @@ class ActiveMap:
 
     def _observe(self, keyframe: KeyframeNode, points: Floats) -> None:
         """Extracts the surfaces that are seen from a keyframe and adds them to it and to the floor's map."""
-        floor, T_level_map = self.floors.current, self.T_ground_map
+        floor = self.floors.current
+        T_level_map = raised(floor.walls.T_level_map, -self.transition.ground)  # z = 0 at the ground under the sensor
         T_level_sensor, T_odom_sensor = T_level_map @ keyframe.T_map_sensor, self.scans[-1].T_odom_sensor
         up, height = T_level_sensor[2, :3], float(T_level_sensor[2, 3])
         seen = keyframe_scan(points, self._surfels.surfels(), T_odom_sensor, up, height, self._config)
@@ -254,9 +249,9 @@ class ActiveMap:
         """Closes loops, withdraws contradicted closures and optimises until nothing changes. An anchored map needs no
         loop closure unless the odometry may have slipped."""
         for _ in range(3):  # at most
-            if self.placed and not self.backend.has_weak_steps:
-                return
             keyframes, floor = self.backend.keyframes, self.floors.current
+            if self.placed and not any(keyframe.weak_step for keyframe in keyframes):
+                return
             with self.stopwatch("loops"):
                 opened = self.loops.contradicted(keyframes)
                 closed = self.loops.look(keyframes, floor.number, floor.walls.T_level_map, self.clouds)

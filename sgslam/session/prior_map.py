@@ -15,9 +15,9 @@ from sgslam.config import Config
 from sgslam.geometry.frames import inverse, level_map, transform_planes, transform_points
 from sgslam.mapping import FloorMap, Floors, KeyframeClouds
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
-from sgslam.serialization import read_state, unpack
+from sgslam.serialization import unpack
 from sgslam.session.active_map import ActiveMap
-from sgslam.session.checkpoints import FILE, about_run
+from sgslam.session.checkpoints import FILE, read_run
 from sgslam.session.scan_poses import ScanPose
 
 Floats = NDArray[np.float64]
@@ -45,12 +45,13 @@ class PriorMap:
     @staticmethod
     def load(folder: Path, config: Config) -> "PriorMap":
         """Loads the map of a finished run's folder. Raises UserError if there is none or it is damaged."""
-        if not about_run(folder).get("finished"):
+        about, state = read_run(folder)
+        if not about.get("finished"):
             raise UserError(f"{folder}: that run was interrupted; finish it with --resume before using its map")
         path, voxel = folder / CLOUDS, config.clouds.keyframe_voxel
         clouds = KeyframeClouds.open(path, voxel=voxel) if path.is_file() else KeyframeClouds(voxel=voxel)
         try:
-            return PriorMap.of(unpack(read_state(folder / FILE)[1]["map"], config, clouds=clouds)[1])
+            return PriorMap.of(unpack(state["map"], config, clouds=clouds)[1])
         except ValueError as error:
             raise UserError(f"{folder / FILE}: damaged, or of another version ({error}); run it again") from None
 

@@ -36,7 +36,7 @@ class RunState:
     @property
     def anchored(self) -> bool:
         """Whether the S-graph is anchored to the BIM."""
-        return not self._map.plan_is_prior and self._map.placed
+        return self.T_bim_map is not None
 
     @property
     def place_probabilities(self) -> tuple[float, float]:
@@ -92,11 +92,6 @@ class RunState:
         return () if self._map.anchoring is None else self._map.anchoring.records
 
     @property
-    def clouds(self) -> KeyframeClouds:
-        """The keyframes' points of the active map."""
-        return self._map.clouds
-
-    @property
     def keyframes(self) -> int:
         """The number of keyframes so far, up to the first kidnap."""
         prior = self._session.prior
@@ -150,8 +145,3 @@ class RunState:
         prior = None if session.kidnaps else session.prior  # it stays as it is until another map joins it
         given = {"bim": session.bim, "matcher": session.matcher, "prior": prior}
         return {**given, "clouds": self._clouds, "stopwatch": self._stopwatch}
-
-    @property
-    def newest_imu_ns(self) -> int | None:
-        """The stamp of the newest IMU sample; None before the first."""
-        return self._tracking.motion.imu.newest_ns

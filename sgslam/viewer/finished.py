@@ -18,7 +18,7 @@ from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.report import ReportData, RunFolder
 from sgslam.report.error_chart import ErrorLine, error_lines
 from sgslam.session import Snapshot
-from sgslam.session.checkpoints import about_run
+from sgslam.session.checkpoints import read_run
 from sgslam.viewer.page import Page
 from sgslam.viewer.panel import Panel
 
@@ -76,7 +76,7 @@ class FinishedRun:
 def stored_truth(path: Path) -> Trajectory | None:
     """The ground truth that was given to a run; None if there was none or its file is gone."""
     try:
-        file = about_run(path).get("arguments", {}).get("ground_truth")
+        file = read_run(path)[0].get("arguments", {}).get("ground_truth")
         return None if file is None else Trajectory.read_tum(file)
     except UserError:
         return None

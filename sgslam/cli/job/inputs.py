@@ -9,7 +9,7 @@ from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
 from data.common.errors import UserError
 from data.imu import ImuSamples, read_imu
@@ -28,17 +28,12 @@ from sgslam.odometry.factory import ExternalOdometry, choose
 from sgslam.perception.scan_checks import in_metres_and_sensor_frame
 from sgslam.result.saving import prepare_folder
 from sgslam.session import PriorMap
-from sgslam.session.checkpoints import FILE as STATE
-from sgslam.session.checkpoints import about_run
+from sgslam.session.checkpoints import read_run
 from sgslam.warm_up import compile_ahead
 
 _OPTIONS = TypeAdapter(RunOptions)
-_OTHER = {"scans": "other scans", "building": "another building", "map": "another map", "imu": "other IMU samples"}
-# with --resume: files, which may have been moved and are compared by content, and what is shown and told
-_MAY_CHANGE = (
-    *("scan_dir", "slam_output", "cloud", "times", "imu", "bim", "map", "ground_truth"),
-    *("out", "resume", "view", "rerun", "strict", "verbose"),
-)
+_BESIDE_RESUME = {"resume", "view", "rerun", "strict", "verbose"}  # all else is as it was
+_NOT_READ = {"out", "resume", "rerun", "config"}  # paths that a run that is resumed does not read
 
 
 class MatcherWithStart:
@@ -87,8 +82,8 @@ class Building:
 class RunInputs:
     """What a run needs of its files. `options` name the folder for the results too.
 
-    `odometry`, of a file, and `imu` are None without one, and where another process tracks; `imu_digest` identifies
-    the samples. `resumed` is the header of the state of the run to be resumed, None of a new one.
+    `odometry`, of a file, and `imu` are None without one, and where another process tracks. `resumed` is what the state
+    of the run to be resumed says about it, None of a new one.
     """
 
     options: RunOptions
@@ -96,7 +91,6 @@ class RunInputs:
     scans: ScanSource
     odometry: ExternalOdometry | None = None
     imu: ImuSamples | None = None
-    imu_digest: str | None = None
     resumed: dict[str, Any] | None = None
 
     @staticmethod
@@ -119,7 +113,7 @@ class RunInputs:
         imu = None if options.imu is None else read_imu(options.imu, options.imu_topic)
         if odometry is not None and scans.stamps_ns is not None:
             odometry.check(scans.stamps_ns)
-        return RunInputs(options, config, scans, odometry, imu, None if imu is None else imu.digest(), resumed)
+        return RunInputs(options, config, scans, odometry, imu, resumed)
 
     @property
     def out(self) -> Path:
@@ -167,27 +161,20 @@ class RunInputs:
         began, cpu_began = perf_counter() - seconds, process_time() - cpu_seconds
         return Building(bim, prior, truth, MatcherWithStart(matcher, options.start), began, cpu_began, seconds)
 
-    def header(self, bim: Bim | None) -> dict[str, Any]:
-        """What a state says of its run, in JSON form: digests of what it reads, its settings and its options. Raises
-        UserError if the digests are not those of the run to be resumed."""
-        prior = self.options.map
-        stamps = len(self.scans) if self.scans.stamps_ns is None else self.scans.stamps_ns.tolist()
-        path = self.scans.path
-        files = [own for own in (sorted(path.iterdir()) if path.is_dir() else [path]) if own.is_file()]
-        scans = [stamps, [(own.name, own.stat().st_size) for own in files]]
-        digests = {
-            "scans": _digest(json.dumps(scans).encode()),
-            "building": None if bim is None else _digest(json.dumps(bim.graph.to_dict(), sort_keys=True).encode()),
-            "map": None if prior is None else _digest((prior / STATE).read_bytes()),
-            "imu": self.imu_digest,
-        }
-        for name, digest in digests.items():
-            if self.resumed is not None and self.resumed.get(name) != digest:
-                again = "give the same again, or start a new run"
-                raise UserError(f"--resume {self.out}: that run used {_OTHER[name]}; {again}")
+    def header(self) -> dict[str, Any]:
+        """What a state says about its run, in JSON form: a digest of the files that it reads, its settings and its
+        options. Raises UserError if the files are not those of the run to be resumed."""
+        read = [own for name, own in vars(self.options).items() if isinstance(own, Path) and name not in _NOT_READ]
+        folders = [sorted(path.iterdir()) if path.is_dir() else [path] for path in read]
+        files = [own for folder in folders for own in folder if own.is_file()]
+        stats = [(own.name, own.stat().st_size, own.stat().st_mtime_ns) for own in files]
+        digest = hashlib.sha256(json.dumps(stats).encode()).hexdigest()
+        if self.resumed is not None and self.resumed["files"] != digest:
+            changed = "a file that the run reads has changed since it began"
+            raise UserError(f"--resume {self.out}: {changed}; start a new run")
         told = _lasting(replace(self.options, resume=None, view=None, rerun=None))
         arguments = _OPTIONS.dump_python(told, mode="json")
-        return {**digests, "config": self.config.model_dump(mode="json"), "arguments": arguments}
+        return {"files": digest, "config": self.config.model_dump(mode="json"), "arguments": arguments}
 
     def _prior_map(self, folder: Path) -> PriorMap:
         if self.out.resolve() == folder.resolve():
@@ -216,35 +203,20 @@ def _with(config: Config, group: str, **settings: Any) -> Config:
 
 
 def _resumed(options: RunOptions, folder: Path) -> tuple[RunOptions, dict[str, Any]]:
-    """The options of the run in the folder, with those that are given now instead, and the header of its state.
+    """The options of the run in the folder, with those that are given now too, and what its state says about it.
 
-    Raises UserError if there is no such run, if it is finished, and for options that conflict with `--resume`.
+    Raises UserError if there is no such run, if it is finished, and for options that do not go with `--resume`.
     """
-    if options.demo or options.out not in (None, folder):
-        raise UserError(f"--resume {folder}: continues in that folder; leave out --demo and --out")
-    about = about_run(folder)
+    now = options.changed()
+    if other := [f"--{name.replace('_', '-')}" for name in now if name not in _BESIDE_RESUME]:
+        raise UserError(f"--resume {folder}: inputs and settings are those of that run; leave out {', '.join(other)}")
+    about, _ = read_run(folder)
     if about.get("finished"):
         raise UserError(f"--resume {folder}: that run is finished; its results are in the folder")
-    try:
-        before = _OPTIONS.validate_python(about["arguments"])
-    except (KeyError, ValidationError):
-        raise UserError(f"--resume {folder}: another version of sgslam wrote it; start a new run") from None
+    before = _OPTIONS.validate_python(about["arguments"])
     if before.live:
         raise UserError(f"--resume {folder}: that run was live, and cannot continue; start a new one")
-    now = _lasting(options).changed()
-    for name, value in now.items():
-        if name not in _MAY_CHANGE and value != getattr(before, name):
-            had = f"that run had {_as_given(name, getattr(before, name))}, not {_as_given(name, value)}"
-            raise UserError(f"--resume {folder}: {had}; leave this option out, or start a new run")
-    return replace(before, **{**now, "out": folder}), about
-
-
-def _as_given(name: str, value: Any) -> str:
-    """An option as the command line gives it."""
-    flag = f"--{name.replace('_', '-')}"
-    if value in (None, (), False):
-        return f"no {flag}"
-    return f"{flag} {' '.join(map(str, value)) if isinstance(value, tuple) else value}"
+    return replace(before, **now, out=folder), about
 
 
 def _lasting(options: RunOptions) -> RunOptions:
@@ -255,10 +227,6 @@ def _lasting(options: RunOptions) -> RunOptions:
     if options.odometry is not None and Path(options.odometry).is_file():
         lasting["odometry"] = str(Path(options.odometry).resolve())
     return replace(options, **lasting)
-
-
-def _digest(raw: bytes) -> str:
-    return hashlib.sha256(raw).hexdigest()
 
 
 def _open_scans(options: RunOptions, config: Config) -> ScanSource:

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from data.common.cli import log_to
 from data.common.errors import UserError
-from data.imu import ImuSamples
 from data.trajectory import Trajectory
 from sgslam.cli.job.inputs import Building, RunInputs
 from sgslam.geometry.trajectory_errors import accuracy
@@ -27,9 +26,8 @@ from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.report.tables import badge
 from sgslam.result import Result
 from sgslam.result.saving import save_result
-from sgslam.session import Checkpoints
+from sgslam.session.checkpoints import EVERY_S, load, write_run
 from sgslam.session.checkpoints import FILE as STATE
-from sgslam.session.checkpoints import load
 from sgslam.session.scan_points import FILE as POINTS
 from sgslam.slam import SceneGraphSlam
 from sgslam.types import Update
@@ -50,24 +48,25 @@ _NOT_JUDGED = (
 
 @dataclass
 class Progress:
-    """The progress of a run: `index` of the newest scan, the number of scans `fed` to it, the `seconds` spent on
-    reading scans and writing checkpoints, and the `warnings` that it printed."""
+    """The progress of a run: `index` of the newest scan, the numbers of scans `fed` to it and of `imu` samples, the
+    `seconds` spent on reading scans and writing checkpoints, and the `warnings` that it printed."""
 
     index: int = -1
     fed: int = 0
+    imu: int = 0
     seconds: dict[str, float] = field(default_factory=lambda: {"reading": 0.0, "checkpoints": 0.0})
     warnings: list[str] = field(default_factory=list)
 
 
 class Run:
-    """A run in its output folder: the SLAM system, its progress and its checkpoints."""
+    """A run in its output folder: the SLAM system, and its progress."""
 
     def __init__(self, inputs: RunInputs, building: Building, tracks: bool = True) -> None:
         """`tracks`: not where another process does. Raises UserError if the inputs differ from those of the run to be
         resumed."""
         self._inputs, self._building = inputs, building
         out, options, config, resumed = inputs.out, inputs.options, inputs.config, inputs.resumed
-        header = inputs.header(building.bim)
+        self._header = inputs.header()
         self._warnings = log_to(_log, out / "run.log", verbose=options.verbose, append=resumed is not None)
         if resumed is None and (out / STATE).is_file():
             _log.warning("%s holds the results of an earlier run, which are overwritten", out)
@@ -83,18 +82,26 @@ class Run:
             clouds = KeyframeClouds.open(out / CLOUDS, resumed["keyframes"], voxel)
         more: dict[str, Any] = {"clouds": clouds, "prior": building.prior_map, "storey": options.storey}
         self.slam = SceneGraphSlam(building.bim, building.matcher, config, **more)
-        self.progress = Progress() if resumed is None else Progress(**load(out, self.slam, tracks))
+        self.progress = Progress()
+        if resumed is not None:
+            about = load(out, lambda state: self.slam.restore(state if tracks else {"map": state["map"]}))
+            self.progress = Progress(**about["progress"])
         self._warnings[:0] = self.progress.warnings  # those before the interruption come first
         self.progress.warnings = self._warnings
-        self.checkpoints = Checkpoints(out, header)
         if resumed is None:  # replaces the state that an earlier run left in the folder
-            self.checkpoints.write(self.slam, vars(self.progress))
+            self.save()
         plan = building.bim.path if building.bim is not None else "none"
         _log.info("%d scans in %s; building: %s", len(inputs.scans), inputs.scans.path, plan)
 
     def take_progress(self, progress: Mapping[str, Any]) -> None:
         """Takes the progress of the process that tracks; the warnings come here anyway."""
         self.progress = Progress(**{**progress, "warnings": self._warnings})
+
+    def save(self, tracking: bytes | None = None, finished: bool = False) -> None:
+        """Writes the state of the run; `tracking` is that of a tracker elsewhere."""
+        state, progress = self.slam.state(), vars(self.progress)
+        about = {**self._header, "finished": finished, "keyframes": self.slam.keyframes, "progress": progress}
+        write_run(self._inputs.out, about, state if tracking is None else {**state, "tracking": tracking})
 
     def finish(
         self, stopped: str | None, measured: dict[str, Any] | None = None, cpu_elsewhere: float = 0.0
@@ -114,7 +121,7 @@ class Run:
         if stopped is not None:
             hint = f"; {_hint(out)}" if stopped.startswith("interrupted") else ""
             raise UserError(f"{stopped}; the results so far are in {out}{hint}")
-        self.checkpoints.write(self.slam, vars(self.progress), finished=True)
+        self.save(finished=True)
         (out / POINTS).unlink(missing_ok=True)
         return metrics
 
@@ -134,8 +141,6 @@ class Run:
         """What metrics.json has beyond the result's own: times, what the user stated, warnings, errors, the header."""
         inputs, building = self._inputs, self._building
         total, cpu_seconds = perf_counter() - building.began, process_time() - building.cpu_began
-        for kind, count in result.factors.counts().items():
-            _log.info("factors, %s: %s", kind, ", ".join(f"{number} {what}" for what, number in count.items()))
         options = inputs.options
         told = {"storey": options.storey, "start": options.start, "mount": inputs.config.tracking.mount}
         numbers: dict[str, Any] = {
@@ -222,13 +227,13 @@ def run_scans(
     slam: "SceneGraphSlam | TrackingSide",
     inputs: RunInputs,
     progress: Progress,
-    checkpoints: Checkpoints,
+    save: Callable[[], None],
     on_scan: Sequence[ScanCallback] = (),
 ) -> str | None:
     """Adds the scans after `progress.index` and updates `progress`; returns the reason if it stops early, else None.
 
-    `on_scan` are called after each scan, where this process builds the map. Raises UserError if not even one scan could
-    be added, and KeyboardInterrupt at the second interrupt.
+    `save` writes the run's state. `on_scan` are called after each scan, where this process builds the map. Raises
+    UserError if not even one scan could be added, and KeyboardInterrupt at the second interrupt.
     """
     from rich.console import Console
     from rich.progress import Progress as Bar
@@ -237,16 +242,19 @@ def run_scans(
     console, scans, odometry = Console(stderr=True), inputs.scans, inputs.odometry
     with Interruption() as interruption, Bar(console=console, disable=not console.is_terminal, transient=True) as bar:
         task = bar.add_task("scans", total=len(scans))
-        waiting = perf_counter()
+        waiting = saved = perf_counter()
         try:
             for scan in scans:
                 if scan.index <= progress.index and not interruption:
                     continue
                 progress.seconds["reading"] += perf_counter() - waiting
                 if interruption:
-                    checkpoints.write(slam, vars(progress))
+                    save()
                     return f"interrupted after {progress.fed} of {len(scans)} scans"
-                _add_imu(slam, inputs.imu, scan.stamp_ns)
+                if (imu := inputs.imu) is not None:  # the samples until the scan's end
+                    new = slice(progress.imu, int(np.searchsorted(imu.stamps_ns, scan.stamp_ns + _SCAN_NS, "right")))
+                    slam.add_imu(imu.stamps_ns[new], imu.gyro[new], imu.accel[new])
+                    progress.imu = max(new.stop, progress.imu)
                 T_odom_sensor = scan.T_odom_sensor if odometry is None else odometry.at(scan.stamp_ns)
                 step = scan.step_covariance if odometry is None else None
                 update: Any = slam.add_scan(scan.stamp_ns, scan.points, scan.point_times, T_odom_sensor, step)
@@ -256,23 +264,14 @@ def run_scans(
                 progress.index, progress.fed = scan.index, progress.fed + 1
                 bar.update(task, completed=scan.index + 1)
                 began = perf_counter()
-                checkpoints.write_if_due(slam, vars(progress))
+                if began - saved >= EVERY_S:
+                    save()
+                    saved = perf_counter()
                 waiting = perf_counter()
                 progress.seconds["checkpoints"] += waiting - began
         except UserError as error:
             if not progress.fed:
                 raise
             return str(error)
-    checkpoints.write(slam, vars(progress))  # who is interrupted while the map is completed loses no scan
+    save()  # who is interrupted while the map is completed loses no scan
     return None
-
-
-def _add_imu(slam: "SceneGraphSlam | TrackingSide", imu: ImuSamples | None, stamp_ns: int) -> None:
-    """Adds the samples until the end of a scan that were not added yet."""
-    if imu is None:
-        return
-    newest = slam.newest_imu_ns
-    first = 0 if newest is None else int(np.searchsorted(imu.stamps_ns, newest, side="right"))
-    last = int(np.searchsorted(imu.stamps_ns, stamp_ns + _SCAN_NS, side="right"))
-    if last > first:
-        slam.add_imu(imu.stamps_ns[first:last], imu.gyro[first:last], imu.accel[first:last])

@@ -4,7 +4,6 @@
 the process that tracks is gone, a live run's results are written; another run is resumed.
 """
 
-import logging
 import multiprocessing
 import os
 import pickle
@@ -27,7 +26,6 @@ if TYPE_CHECKING:  # the process is started before these are loaded
     from sgslam.cli.processes.run_map import RunMap
 
 Floats = NDArray[np.float64]
-_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -42,8 +40,8 @@ class HeldAnchor:
 @dataclass(frozen=True, eq=False)
 class MapState:
     """The state of the map after so many `scans`; the names are those of `Answer`.
-    `checkpoint_s` is how long the last checkpoint took. `failed` says why no more scans are added.
-    `place` is the probability of the best place in the plan, and that of the runner-up."""
+    `failed` says why no more scans are added. `place` is the probability of the best place in the plan, and that of the
+    runner-up."""
 
     scans: int = 0
     part: int = 0
@@ -52,7 +50,6 @@ class MapState:
     anchors: tuple[HeldAnchor, ...] = ()
     map_stamp_ns: int | None = None
     keyframes: int = 0
-    checkpoint_s: float = 0.0
     failed: str | None = None
     place: tuple[float, float] = (0.0, 0.0)
 
@@ -60,11 +57,11 @@ class MapState:
 class MappingProcess:
     """Starts the process, which loads what it needs meanwhile; `begin` and `wait_until_ready` come before all else.
 
-    At most `most_waiting` scans wait there; `put` then waits for one to be done: nothing is dropped, and there is a
-    line in the log if it `warns`. `state` is the newest state of the map.
+    At most `most_waiting` scans wait there; `put` then waits for one to be done: nothing is dropped. `state` is the
+    newest state of the map.
     """
 
-    def __init__(self, most_waiting: int, warns: bool = False) -> None:
+    def __init__(self, most_waiting: int) -> None:
         context = multiprocessing.get_context("spawn")
         self._receiver, their_sender = context.Pipe(duplex=False)
         their_receiver, self._sender = context.Pipe(duplex=False)
@@ -73,7 +70,6 @@ class MappingProcess:
         their_receiver.close()
         their_sender.close()
         self.state, self._put, self._most = MapState(), 0, most_waiting
-        self._warns, self._was_full = warns, False
         self._outcome: dict[str, Any] | UserError | None = None  # what the process ended with
         self._changed = threading.Condition()
         self._messages: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
@@ -100,7 +96,8 @@ class MappingProcess:
         """Has the process call a method of its `RunMap`. Raises UserError if it has ended."""
         packed = pickle.dumps((call, arguments), protocol=pickle.HIGHEST_PROTOCOL)  # now: arrays may change afterwards
         if call == "add":
-            self._wait_for_room()
+            with self._changed:
+                self._changed.wait_for(lambda: self.waiting < self._most or self._outcome is not None)
             self._put += 1
         self._check()
         self._messages.put(packed)
@@ -125,14 +122,6 @@ class MappingProcess:
         """Ends the process at once."""
         self._process.kill()
         self._process.join()
-
-    def _wait_for_room(self) -> None:
-        is_full = self.waiting >= self._most
-        if self._warns and is_full and not self._was_full:
-            _log.warning("%d scans wait for the map: tracking now waits for it", self.waiting)
-        self._was_full = is_full or (self._was_full and self.waiting > self._most // 2)  # else each scan would warn
-        with self._changed:
-            self._changed.wait_for(lambda: self.waiting < self._most or self._outcome is not None)
 
     def _check(self) -> None:
         if isinstance(self._outcome, UserError):

@@ -4,7 +4,6 @@ import logging
 import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -43,7 +42,7 @@ class RunMap:
         threading.Thread(target=_prepare_results, args=(building.bim,), daemon=True).start()
         if is_live and (building.bim is not None or building.prior_map is not None):  # matching is not to stall
             make_ready(building.matcher)
-        self._mapped, self._checkpoint_s = 0, 0.0
+        self._mapped = 0
         self._failed: str | None = None
 
     def add(self, scan: TrackedScan, notes: TrackerNotes) -> MapState:
@@ -64,7 +63,6 @@ class RunMap:
             anchors=tuple(held),
             map_stamp_ns=None if newest is None else newest.stamp_ns,
             keyframes=slam.keyframes,
-            checkpoint_s=self._checkpoint_s,
             failed=self._failed,
             place=slam.place_probabilities,
         )
@@ -81,10 +79,8 @@ class RunMap:
 
     def save(self, tracking: bytes, progress: dict[str, Any]) -> None:
         """Writes a checkpoint, with the states of the tracker and of `Progress` after the scans so far."""
-        began = perf_counter()
         self._run.take_progress(progress)
-        self._run.checkpoints.write(self._slam, vars(self._run.progress), tracking=tracking)
-        self._checkpoint_s = perf_counter() - began
+        self._run.save(tracking)
 
     def finish(
         self,

@@ -6,6 +6,7 @@ The results are those of one process, bit by bit.
 import logging
 import sys
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
@@ -21,7 +22,6 @@ from sgslam.cli.options import RunOptions
 from sgslam.cli.processes.mapping_process import MappingProcess
 from sgslam.config import Config
 from sgslam.serialization import pack, unpack
-from sgslam.session import Checkpoints
 from sgslam.session.checkpoints import load
 from sgslam.tracking import RunTracker
 from sgslam.types import TrackedScan
@@ -73,19 +73,9 @@ class TrackingSide:
         """See `SceneGraphSlam.add_imu`."""
         self.tracking.motion.add_imu(stamp_ns, gyro, accel)
 
-    @property
-    def newest_imu_ns(self) -> int | None:
-        """The stamp of the newest IMU sample; None before the first."""
-        return self.tracking.motion.imu.newest_ns
-
-    @property
-    def keyframes(self) -> int:
-        """The number of keyframes that are known to be in the map."""
-        return self.mapping.state.keyframes
-
-    def state(self) -> dict[str, bytes]:
-        """The tracker's part of a run's state."""
-        return {"tracking": pack(self.tracking, self._config)}
+    def save(self, progress: Progress) -> None:
+        """Has the process that maps write a checkpoint, with the state of the tracker."""
+        self.mapping.put("save", tracking=pack(self.tracking, self._config), progress=vars(progress))
 
     def restore(self, state: dict[str, bytes]) -> None:
         """Restores the tracker's part of a run's state."""
@@ -108,18 +98,6 @@ class TrackingSide:
             self.mapping.put("add", scan=scan, notes=self.tracking.notes)
 
 
-class SentCheckpoints(Checkpoints):
-    """Has the process that maps write the checkpoints, with the state of the tracker."""
-
-    def write(self, slam: TrackingSide, progress: dict[str, Any]) -> bool:  # type: ignore[override]
-        """Sends the state of the tracker after the scans so far."""
-        began = perf_counter()
-        slam.mapping.put("save", **slam.state(), progress=progress)
-        self._written = perf_counter()
-        self._took = max(self._written - began, slam.mapping.state.checkpoint_s)
-        return True
-
-
 def settle_threads() -> None:
     """Before a run: threads of this process are not to wait for each other."""
     threadpool_limits(1, user_api="blas")  # a scan is small: more threads would only wait for each other
@@ -139,8 +117,8 @@ def run_in_two_processes(options: RunOptions, mapping: MappingProcess) -> tuple[
         mapping.wait_until_ready()
         logging.getLogger("sgslam").setLevel(logging.INFO)  # that process decides what is printed
         side = TrackingSide(inputs.config, mapping)
-        progress = Progress() if inputs.resumed is None else Progress(**load(inputs.out, side))
-        stopped = run_scans(side, inputs, progress, SentCheckpoints(inputs.out, {}))
+        progress = Progress() if inputs.resumed is None else Progress(**load(inputs.out, side.restore)["progress"])
+        stopped = run_scans(side, inputs, progress, partial(side.save, progress))
     except BaseException:
         mapping.kill()
         raise

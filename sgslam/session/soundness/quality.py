@@ -4,17 +4,19 @@ In lost runs the map and the odometry disagree, keyframes see no walls, the plan
 leads through planned walls, though a place in the plan may explain the map.
 """
 
-import math
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
 from data import SceneGraph, UserError
+from data.geometry.poses import poses_to_xyzquat
 from data.trajectory import Trajectory
+from sgslam.anchoring.place_posterior import PlacePosterior
 from sgslam.anchoring.soundness import LAPLACE, Soundness
 from sgslam.config import QualitySettings
 from sgslam.geometry.trajectory_errors import rmse_aligned
@@ -35,6 +37,40 @@ class Signal:
 
 
 Quality = dict[str, Signal]
+
+
+@dataclass(frozen=True, eq=False)
+class PlaceReport:
+    """What is known of the places, whether the map is `sound` at the best one, and the `signals` that tell.
+
+    `T_bim_map` (4, 4) is that place, if the map was anchored there, until it proved improbable too.
+    """
+
+    posterior: PlacePosterior
+    sound: Soundness = field(default_factory=lambda: Soundness(1.0, {}))
+    signals: Mapping[str, float] = field(default_factory=dict)
+    T_bim_map: Floats | None = None
+
+    @property
+    def probability(self) -> float:
+        """That the map is at the best place and sound."""
+        return self.posterior.two_best[0][0] * self.sound.probability
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values, with the `outside` probability that the map is at none of the places."""
+        (_, storey), (runner_up, runner_up_storey) = self.posterior.two_best
+        T, nats = self.T_bim_map, self.sound.nats
+        return {
+            "probability": self.probability,
+            "storey": storey,
+            "runner_up": runner_up,
+            "runner_up_storey": runner_up_storey,
+            "outside": self.posterior.outside,
+            "mirrored": self.posterior.mirrored,
+            "sound": self.sound.probability,
+            "signals": {name: {"value": value, "nats": nats.get(name)} for name, value in self.signals.items()},
+            "T_bim_map": None if T is None else poses_to_xyzquat(T[None])[0].tolist(),
+        }
 
 
 def quality_of(
@@ -111,11 +147,8 @@ def contradiction(probability: float, sound: Soundness, signals: Mapping[str, fl
         "walls_looked_through": "its rays lead through {:.0%} of the walls that both have",
         "position_sigma_m": "its positions have a standard deviation of {:.2f} m",
     }[name].format(signals[name])
-    accepted = math.floor(1000 * probability) / 1000
-    return (
-        f"the map fits the plan, but {what}: the probability that it is right is {100 * probability:.1f} %; "
-        f"--set anchors.withdraw={accepted:g} accepts that"
-    )
+    right = f"the probability that it is right is {100 * probability:.1f} %"
+    return f"the map fits the plan, but {what}: {right}, and anchors.withdraw asks for {100 * withdraw:g} %"
 
 
 def _at_most(value: float, limit: float) -> Signal:

@@ -18,7 +18,6 @@ from sgslam.session.scan_poses import ScanPose
 Floats = NDArray[np.float64]
 FILE = "trajectory_sigma.csv"
 _OWN = (1.5 / 6.0) ** 2  # share of a tracked pose's variance that is its own: of 6 median residuals, noise explains 1.5
-_MOST_SCANS = 0.95  # share of the scans that advice is to anchor
 _MOST = 100  # keyframes whose covariance is computed; between them it is interpolated
 _HEADER = (
     "stamp_s,sigma_x_m,sigma_y_m,sigma_z_m,sigma_roll_deg,sigma_pitch_deg,sigma_yaw_deg,part,floor,probability,"
@@ -140,26 +139,19 @@ def _limits(settings: QualitySettings) -> Floats:
 
 
 def why_none_is_anchored(own: ScanUncertainty, settings: QualitySettings) -> str:
-    """One line, of a map that fits the plan at one place. With the settings that it names, 95 % of the scans that are
-    not lost are anchored."""
+    """One line, of a map that fits the plan at one place, with the setting that limits what is known worst."""
     known = own.sigma[~own.lost]
     if not len(known):
         return "the map fits the plan, but every scan is lost"
-    sigma = np.quantile(known, _MOST_SCANS, axis=0)
+    sigma = np.median(known, axis=0)
     if not np.isfinite(sigma).all():
         return "the map fits the plan, but the uncertainty of its poses cannot be computed"
-    limits, accepting = _limits(settings), {}
-    worst = int(np.argmax(sigma / limits))
+    worst = int(np.argmax(sigma / _limits(settings)))
     what = ("position along x", "position along y", "height", "roll", "pitch", "heading")[worst]
     known_to = f"{sigma[worst]:.2f} m" if worst < 3 else f"{np.degrees(sigma[worst]):.2f} degrees"
-    while np.mean(probability_within(known, limits) >= settings.anchored_probability) < _MOST_SCANS:
-        group = int(np.argmax(sigma / limits)) // 3
-        limits[3 * group : 3 * group + 3] *= 1.1  # until they suffice
-        name, limit = (("anchored_position", limits[0]), ("anchored_attitude", np.degrees(limits[3])))[group]
-        accepting[name] = float(np.ceil(10 * limit) / 10)
-    advice = " ".join(f"--set quality.{name}={value}" for name, value in accepting.items())
+    limit = "quality.anchored_position" if worst < 3 else "quality.anchored_attitude"
     why = f"its {what} is too uncertain: the standard deviation is {known_to}"
-    return f"the map fits the plan, but {why}; {advice} accepts that"
+    return f"the map fits the plan, but {why}; {limit} limits it"
 
 
 def _variances(

@@ -7,7 +7,7 @@ from boxes import Array, pose
 from data import UserError
 from sgslam.config import OdometrySettings
 from sgslam.perception.scan_checks import checked_covariance
-from sgslam.session.soundness.step_uncertainty import StepUncertainty
+from sgslam.session.scan_poses import StepUncertainty
 
 
 def test_what_is_given_for_the_scans_since_the_last_keyframe_adds_up_in_the_axes_of_the_newest() -> None:

@@ -15,8 +15,7 @@ from shared_runs import written_once
 from data.common.errors import UserError
 from data.geometry.poses import xyzquat_to_poses
 from data.trajectory import Trajectory
-from sgslam.backend import FactorLog, write_pose_graph
-from sgslam.backend.factor_log import Entry
+from sgslam.backend import HeldFactors, write_pose_graph
 from sgslam.cli.export import export
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.report import RunFolder
@@ -36,7 +35,7 @@ def out(anchored_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         done = called("sgslam.cli.export", "--out", folder, "--format", "all")
         assert done.returncode == 0, done.stderr
         assert {path.name for path in folder.iterdir()} - before == NAMES
-        assert all(name in done.stdout for name in NAMES)
+        assert all(name in done.stdout for name in NAMES) and "ifc: left out; give the run's model" in done.stdout
 
     return written_once(tmp_path_factory, "exported_run", write)
 
@@ -84,9 +83,8 @@ def test_information_is_in_the_order_and_the_units_of_g2o(tmp_path: Path) -> Non
     """gtsam has the rotation first, in radians; g2o the translation, and half the angle."""
     noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([0.01, 0.02, 0.03, 0.1, 0.2, 0.3]))
     turn, x = gtsam.Pose3(gtsam.Rot3.Rz(0.5), np.array([1.0, 2.0, 3.0])), [gtsam.symbol("x", i) for i in range(2)]
-    log = FactorLog()
-    log.add(2, "odometry", (1,), Entry(gtsam.BetweenFactorPose3(*x, turn, noise), "test", "test"))
-    assert write_pose_graph(tmp_path / "g", log, np.tile(np.eye(4), (2, 1, 1))) == 1
+    held: HeldFactors = {"odometry": {(1,): gtsam.BetweenFactorPose3(*x, turn, noise)}}
+    assert write_pose_graph(tmp_path / "g", held, np.tile(np.eye(4), (2, 1, 1))) == 1
     line = [float(word) for word in (tmp_path / "g").read_text().splitlines()[2].split()[1:]]
     np.testing.assert_allclose(xyzquat_to_poses(line[2:9]), turn.matrix(), atol=1e-12)
     sigmas = np.array([0.1, 0.2, 0.3, 0.01 / 2, 0.02 / 2, 0.03 / 2])

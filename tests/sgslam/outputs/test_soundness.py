@@ -11,7 +11,7 @@ from sgslam.anchoring.place_posterior import Place, PlacePosterior
 from sgslam.anchoring.soundness import SoundnessModel, shipped
 from sgslam.config import AnchorSettings
 from sgslam.mapping import KeyframeClouds
-from sgslam.session.place_report import PlaceReport
+from sgslam.session.soundness.quality import PlaceReport
 from sgslam.session.soundness.standing_walls import share_looked_through
 
 MODEL = SoundnessModel(

@@ -15,7 +15,8 @@ from sgslam.config import Config
 from sgslam.config.tracking_settings import TrackingSettings
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.result import Result
-from sgslam.session import Checkpoints, PriorMap
+from sgslam.session import PriorMap
+from sgslam.session.checkpoints import write_run
 from sgslam.slam import SceneGraphSlam
 
 pytestmark = pytest.mark.slow
@@ -40,7 +41,7 @@ def way_back() -> tuple[Scans, Trajectory]:
 
 def write_first_run(folder: Path, anchored: bool) -> Result:
     slam, result = small_run(anchored)
-    Checkpoints(folder, {}).write(slam, {}, finished=True)
+    write_run(folder, {"finished": True}, slam.state())
     result.clouds.copy_to(folder / CLOUDS)
     return result
 
@@ -77,7 +78,7 @@ def test_a_run_elsewhere_is_not_found(tmp_path: Path) -> None:
 def test_a_map_that_is_none_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="no run state"):
         PriorMap.load(tmp_path, Config())
-    Checkpoints(tmp_path, {}).write(fed(SceneGraphSlam(), small_drive().scans[:5]), {})
+    write_run(tmp_path, {}, fed(SceneGraphSlam(), small_drive().scans[:5]).state())
     with pytest.raises(UserError, match="--resume"):
         PriorMap.load(tmp_path, Config())
 

@@ -27,7 +27,6 @@ def test_samples_that_go_back_or_are_not_finite_are_refused() -> None:
         with pytest.raises(UserError, match="IMU"):
             slam.add_imu(stamp, gyro, accel)
     slam.add_imu(6, STILL, UP)
-    assert slam.newest_imu_ns == 6
 
 
 @pytest.mark.slow

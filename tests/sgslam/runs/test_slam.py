@@ -139,10 +139,10 @@ def test_live_sigma_is_unknown_at_first_and_grows_where_nothing_is_seen(anchored
     assert ((ratio > 1 / 3) & (ratio < 3)).all()
 
 
-def run_with(withdraw: float = 0.5, commit: float = 0.99, **limits: float) -> Result:
+def run_with(withdraw: float = 0.5, **limits: float) -> Result:
     """The drive until it is anchored."""
     drive = small_drive()
-    config = Config(quality=QualitySettings(**limits), anchors=AnchorSettings(withdraw=withdraw, commit=commit))
+    config = Config(quality=QualitySettings(**limits), anchors=AnchorSettings(withdraw=withdraw))
     return fed(SceneGraphSlam(drive.bim, config=config), drive.scans[:150]).finish()
 
 
@@ -165,28 +165,17 @@ def test_a_run_with_no_scan_that_is_known_is_not_anchored_and_says_what_is_unkno
     result = run_with(anchored_attitude=1e-4)
     assert not result.anchored and result.T_bim_map is None and not result.uncertainty.anchored.any()
     assert len(result.trajectory) == len(result.trajectory_map)
-    advised = re.search(r"its (?:pitch|roll|heading) is.*--set quality.anchored_attitude=(\S+)", result.reason)
-    assert advised is not None
-    assert run_with(anchored_attitude=float(advised[1])).uncertainty.anchored.mean() >= 0.95
+    assert re.search(r"its (?:pitch|roll|heading) is.*quality.anchored_attitude", result.reason)
 
 
 @pytest.mark.slow
-def test_a_place_that_is_not_probable_enough_is_withdrawn_and_the_reason_says_what_keeps_it(anchored: Result) -> None:
+def test_a_place_that_is_not_probable_enough_is_withdrawn_and_the_reason_says_so(anchored: Result) -> None:
     assert anchored.place is not None and anchored.quality["place_probability"].ok
     result = run_with(withdraw=1 - 1e-9)
     assert not result.anchored and result.T_bim_map is None and not result.uncertainty.anchored.any()
     assert not result.deviations and "place_probability" not in result.quality
     assert result.place is not None and result.place.T_bim_map is not None  # what was withdrawn
-    advised = re.search(r"--set anchors.withdraw=(\S+)", result.reason)
-    assert advised is not None and run_with(withdraw=float(advised[1])).anchored
-
-
-@pytest.mark.slow
-def test_a_place_that_is_nearly_sure_comes_with_what_accepts_it() -> None:
-    result = run_with(commit=1 - 1e-9)
-    assert not result.anchored and result.place is not None and result.place.T_bim_map is None
-    advised = re.search(r"--set anchors.commit=(\S+)", "".join(result.advice))
-    assert advised is not None and run_with(commit=float(advised[1])).anchored
+    assert "anchors.withdraw" in result.reason
 
 
 def test_a_part_begins_level_at_the_last_known_place_and_heading() -> None:
@@ -226,9 +215,10 @@ def test_poses_are_better_than_the_live_ones_which_are_kept(
 @pytest.mark.slow
 def test_a_run_whose_points_are_gone_has_no_second_pass(caplog: pytest.LogCaptureFixture, tmp_path: Path) -> None:
     """Of a run that was killed, the file may have been deleted."""
-    first = fed(SceneGraphSlam(clouds=KeyframeClouds(tmp_path / "clouds.bin")), small_drive().scans[:40])
+    clouds = KeyframeClouds(tmp_path / "clouds.bin")
+    first = fed(SceneGraphSlam(clouds=clouds), small_drive().scans[:40])
     state, single = first.state(), first.finish()
-    again = SceneGraphSlam(clouds=first.clouds)
+    again = SceneGraphSlam(clouds=clouds)
     (tmp_path / POINTS).unlink()
     again.restore(state)
     with caplog.at_level(logging.WARNING):
@@ -255,7 +245,7 @@ def test_a_result_stays_that_a_second_pass_would_lose(
         knots[:, :3, 3] += 8 * way[:, None]
         return Motion(start.seconds, knots)
 
-    monkeypatch.setattr("sgslam.session.second_pass.smoothed", bent)
+    monkeypatch.setattr("sgslam.slam.smoothed", bent)
     with caplog.at_level(logging.WARNING):
         kept = slam.finish(second_pass=True)
     assert "the second pass is left out" in caplog.text

@@ -74,7 +74,7 @@ def test_nothing_of_others_is_unpacked(value: Any) -> None:
 
 
 def test_another_version_and_another_file_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sgslam.serialization.state_file.VERSION", 99)
+    monkeypatch.setattr("sgslam.serialization.VERSION", 99)
     write_state(tmp_path / "a", {}, {})
     monkeypatch.undo()
     with pytest.raises(UserError, match="version 99"):

@@ -1,17 +1,25 @@
-"""Packs the objects of a run as they are, and makes them again.
+"""The state of a run: its objects packed as bytes, and these in a file; damaged files are rejected.
 
-What a run is given, such as its settings and its plan, is named instead. Unpacking calls no function of another package
-than numpy, and of ours no more than `__setstate__`.
+What a run is given, such as its settings and its plan, is named instead of packed. Unpacking calls no function of
+another package than numpy, and of ours no more than `__setstate__`.
 """
 
 import io
+import json
 import pickle
+import re
 from functools import cached_property
+from hashlib import sha256
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
+from data import UserError
+from data.common.files import atomic_file
 from sgslam.config import Config
 
+VERSION = 26  # to be raised when an attribute of any object in a state gets another name or meaning
+_FIRST_LINE = re.compile(rb"sgslam state (\d{1,9}) ([0-9a-f]{64})")
 _PACKAGES = ("data", "matching", "sgslam")
 _NUMPY = {
     ("numpy", "dtype"),
@@ -88,3 +96,39 @@ def _blank(module: str, name: str, items: tuple[Any, ...] | None) -> Any:
     if not isinstance(kind, type) or kind.__module__ != module:
         raise pickle.UnpicklingError(f"no state holds a {module}.{name}")
     return object.__new__(kind) if items is None else tuple.__new__(kind, items)
+
+
+def write_state(path: Path, about: dict[str, Any], parts: dict[str, bytes]) -> None:
+    """Writes `parts` (see `pack`) by name, with a header `about` them (JSON), atomically. Raises OSError if the file
+    cannot be written."""
+    lengths = {name: len(raw) for name, raw in parts.items()}
+    header = json.dumps({"about": about, "parts": lengths}, allow_nan=False).encode() + b"\n"
+    digest = sha256(header)
+    for raw in parts.values():
+        digest.update(raw)
+    with atomic_file(path) as file:
+        file.write(b"sgslam state %d %s\n" % (VERSION, digest.hexdigest().encode()) + header)
+        for raw in parts.values():
+            file.write(raw)
+
+
+def read_state(path: Path) -> tuple[dict[str, Any], dict[str, bytes]]:
+    """The header and the parts of a state file. Raises UserError, in one line, if the file is missing, of another
+    version, or damaged."""
+    try:
+        first, _, rest = path.read_bytes().partition(b"\n")
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror}); it cannot be resumed") from None
+    found = _FIRST_LINE.fullmatch(first)
+    if found is None:
+        raise UserError(f"{path}: not a saved run; it cannot be resumed")
+    if int(found[1]) != VERSION:
+        raise UserError(f"{path}: saved in version {int(found[1])} of the format, this is {VERSION}; start a new run")
+    if sha256(rest).hexdigest().encode() != found[2]:
+        raise UserError(f"{path}: damaged; start a new run")
+    raw, _, packed = rest.partition(b"\n")
+    header, parts, at = json.loads(raw), dict[str, bytes](), 0
+    for name, length in header["parts"].items():
+        parts[name] = packed[at : at + length]
+        at += length
+    return header["about"], parts
