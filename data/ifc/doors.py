@@ -1,5 +1,7 @@
 """Doors of an IFC model: their positions and the rooms they join."""
 
+from collections.abc import Callable
+
 import ifcopenshell
 import ifcopenshell.util.placement
 import numpy as np
@@ -19,11 +21,18 @@ ABOVE_SILL = 0.5  # m
 def doors_of(model: ifcopenshell.file, rooms: list[RoomVolume], walls: dict[str, Area]) -> tuple[Door, ...]:
     """Returns every IfcDoor with a position; `walls` are the walls' areas in plan by GlobalId."""
     entities = {door.GlobalId: door for door in model.by_type("IfcDoor")}
-    found = (_door(door, rooms, walls) for door in entities.values())
+    tree = shapely.STRtree([room.area for room in rooms])
+
+    def near(x: float, y: float) -> list[RoomVolume]:
+        return [rooms[k] for k in sorted(tree.query(shapely.box(x - REACH, y - REACH, x + REACH, y + REACH)).tolist())]
+
+    found = (_door(door, near, walls) for door in entities.values())
     return tuple(door for door in found if door is not None)
 
 
-def _door(door: ifcopenshell.entity_instance, rooms: list[RoomVolume], walls: dict[str, Area]) -> Door | None:
+def _door(
+    door: ifcopenshell.entity_instance, near: Callable[[float, float], list[RoomVolume]], walls: dict[str, Area]
+) -> Door | None:
     """Uses the middle of the opening in its wall, since a door's own shape may include an open leaf."""
     vertices, host = body_of(door)
     if vertices is None:
@@ -35,7 +44,7 @@ def _door(door: ifcopenshell.entity_instance, rooms: list[RoomVolume], walls: di
     if not within.is_empty:
         centre = _middle(np.asarray(shapely.get_coordinates(within)), through)
     z = float(vertices[:, 2].min()) + ABOVE_SILL
-    here = [r for r in rooms if r.bottom < z < r.top]
+    here = [r for r in near(*centre.tolist()) if r.bottom < z < r.top]
     along = np.array([-through[1], through[0]])
     joined = _rooms_beside(centre, through, here) or _rooms_beside(centre, along, here)
     return Door(door.GlobalId, joined, (float(centre[0]), float(centre[1])))

@@ -12,7 +12,7 @@ from data.common.files import read_json, user_cache, write_json
 from data.ifc.guard import read_guarded
 from data.scene_graph import SceneGraph
 
-EXTRACTOR_VERSION = 8  # to be raised whenever the A-graph of the same file changes
+EXTRACTOR_VERSION = 9  # to be raised whenever the A-graph of the same file changes
 IFC_SUFFIXES = (".ifc", ".ifczip")
 PLANS = "an IFC file (.ifc, .ifczip), a drawing (.dxf), GeoJSON (.geojson), or an A-graph (.json)"
 

@@ -44,9 +44,14 @@ class Solid:
         return closed(united(_shadow(triangles) for triangles, _ in self.pieces), SLIT)
 
     @cached_property
+    def corners(self) -> Array:
+        """(N, 3) of all triangles."""
+        return np.concatenate([t for t, _ in self.pieces]).reshape(-1, 3)
+
+    @cached_property
     def upright_faces(self) -> Array:
         """(M, 3, 3) the triangles that stand upright."""
-        triangles = np.concatenate([t for t, _ in self.pieces])
+        triangles = self.corners.reshape(-1, 3, 3)
         normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         lengths = np.linalg.norm(normals, axis=1)
         return triangles[(lengths > 1e-9) & (np.abs(normals[:, 2]) < VERTICAL * lengths)]
