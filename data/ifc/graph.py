@@ -12,8 +12,7 @@ from ifcopenshell.util.element import get_parts
 
 from data.common.errors import UserError
 from data.geometry.areas import Area, united
-from data.ifc.doors import doors_of
-from data.ifc.enclosed_rooms import rooms_between
+from data.ifc.doors import doors_of, rooms_between
 from data.ifc.products import open_ifc, solids
 from data.ifc.rooms import STOREY_APART, floor_of, floors_of, planned_levels, rooms_of
 from data.scene_graph import Floor, SceneGraph, WallSurface, implausible

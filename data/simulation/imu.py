@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from data.common.errors import UserError
-from data.imu import ImuSamples
-from data.imu.samples import GRAVITY
+from data.imu import GRAVITY, ImuSamples
 
 Array = NDArray[np.float64]
 RATE = 200  # samples a second
