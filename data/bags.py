@@ -19,6 +19,8 @@ from data.common.files import natural_key
 
 LARGEST_RECORD = 1 << 30  # bytes: writers make chunks of some MB
 _ZSTD = b"\x28\xb5\x2f\xfd"  # begins a message of a bag that compresses each, which only its metadata.yaml says
+BAG_SUFFIXES = (".bag", ".mcap", ".db3")
+_FOREIGN = "Profile is not ros2"  # what rosbags says of an MCAP file that was not recorded by ROS 2: nothing is wrong
 
 
 class Record(NamedTuple):
@@ -100,10 +102,6 @@ def _unpacked(message: bytes) -> bytes:
     import zstandard
 
     return zstandard.decompress(message, LARGEST_RECORD)
-
-
-BAG_SUFFIXES = (".bag", ".mcap", ".db3")
-_FOREIGN = "Profile is not ros2"  # what rosbags says of an MCAP file that was not recorded by ROS 2: nothing is wrong
 
 
 def is_bag(path: Path) -> bool:

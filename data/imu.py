@@ -23,6 +23,12 @@ GRAVITY = 9.80665  # m/s2, the standard one, which is also the unit g
 _LEAST, _MOST = 0.6, 5.0  # times gravity, the median specific force: a carried sensor's is 1.0, a shaken one's more
 _FASTEST = 35.0  # rad/s, 2000 degrees/s: the widest range of the chips that LiDARs carry
 _log = logging.getLogger(__name__)
+_HEADER = (
+    "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],"
+    "a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]"
+)
+_IMU = "sensor_msgs/msg/Imu"
+_FORM = "'timestamp [ns], w_x, w_y, w_z, a_x, a_y, a_z'"
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,14 +99,6 @@ def unit_of_forces(forces: Floats) -> float | None:
     if _LEAST < usual / GRAVITY < _MOST:
         return 1.0
     return GRAVITY if _LEAST < usual < _MOST else None
-
-
-_HEADER = (
-    "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],"
-    "a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]"
-)
-_IMU = "sensor_msgs/msg/Imu"
-_FORM = "'timestamp [ns], w_x, w_y, w_z, a_x, a_y, a_z'"
 
 
 def read_imu(path: Path | str, topic: str | None = None) -> ImuSamples:

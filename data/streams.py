@@ -20,6 +20,10 @@ from data.scans.scan import SkippedScan, finished
 from data.scans.stamp_rule import GAP_NS, StampRule
 from data.trajectory.stamps import NOTE_INDICES, SCAN_PERIOD_NS, ns_to_seconds, seconds_to_ns, stamp_in_name
 
+_SETTLED = 1.0  # s after its last change from which a file is complete,
+_LEFT = 0.1  # and so soon where a later one is there: its writer has gone on
+_WAIT = 0.05  # s until the folder is listed again
+
 
 @dataclass(frozen=True, eq=False)
 class Arrival:
@@ -136,11 +140,6 @@ def _is_lidar(record: Record) -> bool:
         return read_cloud(record.data, record.msgtype, record.is_cdr).is_lidar
     except UnreadableScanError:
         return False
-
-
-_SETTLED = 1.0  # s after its last change from which a file is complete,
-_LEFT = 0.1  # and so soon where a later one is there: its writer has gone on
-_WAIT = 0.05  # s until the folder is listed again
 
 
 class GrowingFolder(ScanStream):

@@ -36,6 +36,9 @@ POINTS = {  # (3,) m in the IMU's frame: what the truth's positions are of, from
 OF_2026 = ("floor_*/*/run_*", "*/floor_*/*/run_*")  # folders of the challenge of 2026
 RECORDINGS = "the recordings of ConSLAM (README of mac137/ConSLAM)"
 MODEL = "'ConSLAM BIM and GT Poses' (mediaTUM 1743877)"
+PARTS, MORE_PARTS = ("walls.ply", "floors.ply"), ("columns.ply",)  # doors are left out: they stand open
+LEAST_MOTION_M = 0.01
+SLABIM = "the links of the README of HKUST-Aerial-Robotics/SLABIM, or the data set BobH62/SLABIM"
 
 
 class Hilti2021(DataSet):
@@ -129,11 +132,6 @@ class Conslam(DataSet):
 
     def _truth(self, sequence: str) -> Path:
         return self.folder / f"{sequence}.txt"
-
-
-PARTS, MORE_PARTS = ("walls.ply", "floors.ply"), ("columns.ply",)  # doors are left out: they stand open
-LEAST_MOTION_M = 0.01
-SLABIM = "the links of the README of HKUST-Aerial-Robotics/SLABIM, or the data set BobH62/SLABIM"
 
 
 class Slabim(DataSet):

@@ -22,6 +22,10 @@ from data.walls.surfaces import CUTS
 REACH = 1.0  # m: a room begins this close to the middle of a door
 STANDING = 0.3  # m of a room in front of a door, enough to stand in it
 ABOVE_SILL = 0.5  # m
+FILLINGS = ("IfcDoor", "IfcWindow")
+HEAD = 1.0  # m above the level: what stands there is a wall of the level
+BEGINS = 0.5  # m: what begins this close to a level belongs to it
+SAME = 0.7  # of the larger one's area: the same face
 
 
 def doors_of(model: ifcopenshell.file, rooms: list[RoomVolume], walls: dict[str, Area]) -> tuple[Door, ...]:
@@ -99,12 +103,6 @@ def _room_ahead(centre: NDArray[np.float64], direction: NDArray[np.float64], roo
         if inside.length > 1e-3:
             met.append((inside.length < STANDING, start.distance(inside), room.room.id))
     return min(met)[2] if met else None
-
-
-FILLINGS = ("IfcDoor", "IfcWindow")
-HEAD = 1.0  # m above the level: what stands there is a wall of the level
-BEGINS = 0.5  # m: what begins this close to a level belongs to it
-SAME = 0.7  # of the larger one's area: the same face
 
 
 @dataclass(frozen=True)
