@@ -15,9 +15,8 @@ from data.common.files import natural_key
 from data.scans import Scan
 from data.scans.bags import CLOUDS, read_cloud
 from data.scans.formats import READERS, read_timed
-from data.scans.point_times import Stamped, TurnTimes
+from data.scans.point_times import GAP_NS, Stamped, StampRule, TurnTimes
 from data.scans.scan import SkippedScan, finished
-from data.scans.stamp_rule import GAP_NS, StampRule
 from data.trajectory.stamps import NOTE_INDICES, SCAN_PERIOD_NS, ns_to_seconds, seconds_to_ns, stamp_in_name
 
 _SETTLED = 1.0  # s after its last change from which a file is complete,

@@ -11,8 +11,7 @@ import shapely
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
-from data.generation.demo_building import SLAB, write_wall
-from data.generation.demo_plan import DOOR, Opening, PlanWall
+from data.generation.demo_building import DOOR, SLAB, Opening, PlanWall, write_wall
 from data.generation.level_building import STOREY, prisms
 from data.generation.straight_walls import (
     TILT,

@@ -16,8 +16,7 @@ from data.common.errors import UserError
 from data.common.files import write_atomically
 from data.geometry.raycast import BOX_FACES, TriangleScene
 from data.ifc.products import IfcProduct, open_ifc, triangulated
-from data.simulation.changes import Change
-from data.simulation.changes.draws import across
+from data.simulation.changes import Change, across
 
 Array = NDArray[np.float64]
 BEFORE = 0.1  # m in front of a wall, where a ray begins
