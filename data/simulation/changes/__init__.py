@@ -48,23 +48,23 @@ class Changes:
             raise UserError(f"walls moved by {self.moved_by:g} m: give more than 0, and at most {MOST:g}")
         if not 0 < self.displaced_by <= MOST:
             raise UserError(f"displaced by {self.displaced_by:g} m: give more than 0, and at most {MOST:g}")
-        shares = (self.moved, self.absent, self.unplanned)
-        if not _are_shares(shares):
-            message = f"moved ({self.moved:g}), absent ({self.absent:g}) and unplanned ({self.unplanned:g})"
-            raise UserError(f"shares of {message} walls: give 0 to 1 in all")
-        if not _are_shares((self.openings_displaced, self.openings_filled)):
-            message = f"displaced ({self.openings_displaced:g}) and filled ({self.openings_filled:g})"
-            raise UserError(f"shares of {message} openings: give 0 to 1 in all")
-        if not _are_shares((self.columns_displaced, self.columns_absent)):
-            message = f"displaced ({self.columns_displaced:g}) and absent ({self.columns_absent:g})"
-            raise UserError(f"shares of {message} columns: give 0 to 1 in all")
+        for what, shares in self._shares.items():
+            if min(shares.values()) < 0 or sum(shares.values()) > 1:
+                named = [f"{name} ({share:g})" for name, share in shares.items()]
+                raise UserError(f"shares of {', '.join(named[:-1])} and {named[-1]} {what}: give 0 to 1 in all")
+
+    @property
+    def _shares(self) -> dict[str, dict[str, float]]:
+        return {
+            "walls": {"moved": self.moved, "absent": self.absent, "unplanned": self.unplanned},
+            "openings": {"displaced": self.openings_displaced, "filled": self.openings_filled},
+            "columns": {"displaced": self.columns_displaced, "absent": self.columns_absent},
+        }
 
     @property
     def any(self) -> bool:
         """Whether anything changes."""
-        walls = (self.moved, self.absent, self.unplanned)
-        openings = (self.openings_displaced, self.openings_filled)
-        return any((*walls, *openings, self.columns_displaced, self.columns_absent))
+        return any(share for shares in self._shares.values() for share in shares.values())
 
 
 @dataclass(frozen=True)
@@ -78,10 +78,6 @@ class Change:
     id: str
     kind: Literal["moved", "absent", "unplanned", "displaced", "filled"]
     offset_in_bim: tuple[float, float] = (0.0, 0.0)
-
-
-def _are_shares(shares: tuple[float, ...]) -> bool:
-    return min(shares) >= 0 and sum(shares) <= 1
 
 
 AS_PLANNED = Changes()
