@@ -27,9 +27,18 @@ from data.simulation.drive import plan_drive
 from data.simulation.effects import Timing, checked, timing_of
 from data.simulation.effects.platforms import RISE
 from data.simulation.effects.world import IN_SCENE, Driven, World, furnished, noisy
-from data.simulation.imu import ImuModel, imu_named, measured
 from data.simulation.route import curve_length
-from data.simulation.sensor import VLP_16, Sensor, described, instants, moving_scan, snapshot
+from data.simulation.sensor import (
+    VLP_16,
+    ImuModel,
+    Sensor,
+    described,
+    imu_named,
+    instants,
+    measured,
+    moving_scan,
+    snapshot,
+)
 from data.simulation.storey_model import load_storeys
 from data.simulation.way import Grids, way_through
 from data.trajectory import Trajectory
