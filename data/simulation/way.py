@@ -16,8 +16,7 @@ from data.common.errors import UserError
 from data.geometry.raycast import TriangleScene
 from data.simulation.drive import Robot
 from data.simulation.effects.platforms import Platforms, platforms
-from data.simulation.occupancy import Grid, build_grid
-from data.simulation.route import Cell, Planner, plan_tour, resampled, smoothed, tour
+from data.simulation.route import Cell, Grid, Planner, build_grid, plan_tour, resampled, smoothed, tour
 from data.simulation.storey_model import StoreyModel, Triangles
 
 CELL = 0.1  # m

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph
-from data.scene_graph.motion import mirrored
+from data.scene_graph.graph import mirrored
 from matching.result import AnyMatcher, MatchResult
 from sgslam.anchoring.free_space_conflict import conflict_share
 from sgslam.anchoring.place_posterior import Place, PlacePosterior, in_known_map, place_posterior
