@@ -13,7 +13,7 @@ from data.bags import Record, mcap_records, reason
 from data.common.errors import UnreadableScanError, UserError
 from data.common.files import natural_key
 from data.scans import Scan
-from data.scans.bags import CLOUDS, read_cloud
+from data.scans.bags import CLOUDS, is_lidar, read_cloud
 from data.scans.formats import READERS, read_timed
 from data.scans.point_times import GAP_NS, Stamped, StampRule, TurnTimes
 from data.scans.scan import SkippedScan, finished
@@ -107,7 +107,7 @@ class McapPipe(ScanStream):
             came_s = time.perf_counter()
             if self.stop.is_set():
                 return
-            is_meant = _is_lidar(record) if self._topic is None else record.topic == self._topic
+            is_meant = is_lidar(record) if self._topic is None else record.topic == self._topic
             if record.msgtype not in CLOUDS or not is_meant:
                 others.add(record.topic)
                 continue
@@ -132,13 +132,6 @@ class McapPipe(ScanStream):
             yield from mcap_records(self._file)
         except Exception as error:  # mcap raises many kinds on garbage
             self._damage = f"it was cut off or is damaged ({reason(error)})"
-
-
-def _is_lidar(record: Record) -> bool:
-    try:
-        return read_cloud(record.data, record.msgtype, record.is_cdr).is_lidar
-    except UnreadableScanError:
-        return False
 
 
 class GrowingFolder(ScanStream):

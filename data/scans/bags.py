@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from data.bags import Bag, decoded, reason
+from data.bags import Bag, Record, decoded, reason
 from data.common.errors import EndOfScansError, UnreadableScanError, UserError
 from data.scans.formats import XYZ
 from data.scans.point_times import time_field
@@ -101,6 +101,14 @@ def _livox(data: bytes, is_cdr: bool) -> Cloud:
     return Cloud(sec * NS + nsec, np.stack([table[axis] for axis in XYZ], axis=1), table["offset_time"].copy(), True)
 
 
+def is_lidar(record: Record) -> bool:
+    """Whether a message holds points as a LiDAR's driver gives them."""
+    try:
+        return read_cloud(record.data, record.msgtype, record.is_cdr).is_lidar
+    except UnreadableScanError:
+        return False
+
+
 class BagScans(ScanSource):
     """The scans of one topic, streamed. Their stamps are those of the headers, else the bag's."""
 
@@ -128,19 +136,14 @@ class BagScans(ScanSource):
         bag = self._bag
         if wanted is not None:
             return bag.named(wanted, "--topic", "topic with scans")
-        lidars = list(bag.counts) if len(bag.counts) == 1 else [name for name in bag.counts if self._is_lidar(name)]
+        lidars = list(bag.counts)
+        if len(lidars) > 1:
+            lidars = [name for name in lidars if (first := next(bag.messages(name), None)) and is_lidar(first)]
         if len(lidars) != 1:
             raise UserError(f"{self.path}: several topics hold points: {bag.listed}; choose one with --topic NAME")
         if len(bag.counts) > 1:
             self.note = f"scans are read from {lidars[0]}, which has a LiDAR's fields; others with points: {bag.listed}"
         return lidars[0]
-
-    def _is_lidar(self, topic: str) -> bool:
-        record = next(self._bag.messages(topic), None)
-        try:
-            return record is not None and read_cloud(record.data, record.msgtype, record.is_cdr).is_lidar
-        except UnreadableScanError:
-            return False
 
     def _jobs(self) -> Iterator[Callable[[], Scan]]:
         self._index, self._unset_logged = 0, False

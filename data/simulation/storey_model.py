@@ -8,13 +8,12 @@ import ifcopenshell
 import ifcopenshell.util.placement
 import ifcopenshell.util.unit
 import numpy as np
-import shapely
 from ifcopenshell.util.element import get_aggregate
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
-from data.geometry.areas import Area
-from data.geometry.raycast import TriangleScene
+from data.geometry.areas import Area, triangles_of
+from data.geometry.raycast import TriangleScene, area_normals
 from data.ifc.products import IfcProduct, open_ifc, products
 from data.plans.mesh_plan import is_mesh, read_mesh
 from data.simulation.changes import AS_PLANNED, Change, Changes, draw_changes, draw_tolerances, of_class
@@ -183,13 +182,9 @@ def _triangles(product: IfcProduct) -> Triangles:
     return product.vertices[product.faces]
 
 
-def _area_normals(triangles: Triangles) -> NDArray[np.float64]:
-    return np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2
-
-
 def _space(entity: ifcopenshell.entity_instance, product: IfcProduct) -> Space:
     triangles = _triangles(product)
-    normals = _area_normals(triangles)
+    normals = area_normals(triangles)
     level = np.abs(normals[:, 2]) > 0.5 * np.linalg.norm(normals, axis=1)
     middle = (product.vertices[:, 2].min() + product.vertices[:, 2].max()) / 2
     low = triangles[:, :, 2].mean(axis=1) < middle
@@ -200,7 +195,7 @@ def _space(entity: ifcopenshell.entity_instance, product: IfcProduct) -> Space:
 def _floor_of_spaces(spaces: tuple[Space, ...]) -> float:
     """The median of the lower faces' z, weighted by area: some spaces lie deeper (shafts) or higher."""
     faces = np.concatenate([s.bottom for s in spaces])
-    z, area = faces[:, :, 2].mean(axis=1), np.abs(_area_normals(faces)[:, 2])
+    z, area = faces[:, :, 2].mean(axis=1), np.abs(area_normals(faces)[:, 2])
     order = np.argsort(z)
     total = np.cumsum(area[order])
     return float(z[order][np.searchsorted(total, total[-1] / 2)])
@@ -238,7 +233,7 @@ def _missing_faces(
 
 def _covered(scene: TriangleScene, faces: Triangles, sign: float) -> float:
     """The share of points on the faces that have a surface within FLOOR_SEARCH behind them."""
-    area = np.abs(_area_normals(faces)[:, 2])
+    area = np.abs(area_normals(faces)[:, 2])
     rng = np.random.default_rng(0)
     chosen = faces[rng.choice(len(faces), 200, p=area / area.sum())]
     weights = rng.dirichlet(np.ones(3), 200)
@@ -294,7 +289,7 @@ def mesh_storey(path: Path | str, storey: str, changes: Changes, seed: int, tole
 
 def _shifted(triangles: Triangles, tolerance: float, seed: int) -> Triangles:
     """Each upright plane moved along its normal, at random."""
-    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals = 2 * area_normals(triangles)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     upright = np.abs(normals[:, 2]) < UPRIGHT
     offsets = np.einsum("ij,ij->i", normals, triangles.mean(axis=1))
@@ -307,6 +302,5 @@ def _shifted(triangles: Triangles, tolerance: float, seed: int) -> Triangles:
 
 def _flat(area: Area, z: float) -> Triangles:
     """(M, 3, 3) the area as triangles at one height."""
-    parts = shapely.get_parts(shapely.constrained_delaunay_triangles(area))
-    plan = np.array([np.asarray(part.exterior.coords)[:3] for part in parts])
+    plan = triangles_of(area)
     return np.dstack([plan, np.full(plan.shape[:2], z)])
