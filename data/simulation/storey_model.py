@@ -131,17 +131,17 @@ def _storey_model(
     cut = recut(model, shapes.solid, shapes.openings, made)
     pierced = of_class(model, [p for p in cut if p.storey == entity.GlobalId], "IfcWall")
     solid = as_built(model, as_built(model, cut, made), shifts)
-    own = [_triangles(p) for p in solid if p.storey == entity.GlobalId]
+    own = [p.triangles for p in solid if p.storey == entity.GlobalId]
     rooms = [p for p in shapes.spaces if p.storey == entity.GlobalId]
     spaces = tuple(s for s in (_space(model.by_guid(p.global_id), p) for p in rooms) if len(s.bottom))
     if not solid or not (spaces or own):
         raise UserError(f"{what} has no geometry to drive in; choose another storey")
     leaves = as_built(model, as_built(model, shapes.doors, made), shifts)
-    doors = tuple(_triangles(p) for p in leaves if p.storey == entity.GlobalId)
+    doors = tuple(p.triangles for p in leaves if p.storey == entity.GlobalId)
     corners = np.concatenate([s.bottom for s in spaces] or own).reshape(-1, 3)[:, :2]
-    triangles = np.concatenate([_triangles(p) for p in solid])
+    triangles = np.concatenate([p.triangles for p in solid])
     panes = np.concatenate([np.full(len(p.faces), _is_pane(model.by_guid(p.global_id))) for p in solid])
-    stairs = [_triangles(p) for p in solid if p.ifc_class in STAIRS]
+    stairs = [p.triangles for p in solid if p.ifc_class in STAIRS]
     level = _floor_of_spaces(spaces) if spaces else _elevation(model, entity)
     floors, ceilings = (_missing_faces(triangles, spaces, stairs, sign) for sign in (-1.0, 1.0))
     if floors:
@@ -178,12 +178,8 @@ def _is_pane(entity: ifcopenshell.entity_instance) -> bool:
     return bool(of_curtain) or _is_any(entity, ("IfcWindow", "IfcCurtainWall"))
 
 
-def _triangles(product: IfcProduct) -> Triangles:
-    return product.vertices[product.faces]
-
-
 def _space(entity: ifcopenshell.entity_instance, product: IfcProduct) -> Space:
-    triangles = _triangles(product)
+    triangles = product.triangles
     normals = area_normals(triangles)
     level = np.abs(normals[:, 2]) > 0.5 * np.linalg.norm(normals, axis=1)
     middle = (product.vertices[:, 2].min() + product.vertices[:, 2].max()) / 2
@@ -255,9 +251,8 @@ def _stair_crosses(faces: Triangles, stairs: list[Triangles]) -> bool:
 
 def _threshold(opening: IfcProduct, level: float) -> Triangles:
     """The lower faces of an opening that stands on the floor: the floor in a doorway."""
-    triangles = _triangles(opening)
-    near = np.abs(triangles[:, :, 2] - level).max(axis=1) < 0.05
-    return triangles[near]
+    triangles = opening.triangles
+    return triangles[np.abs(triangles[:, :, 2] - level).max(axis=1) < 0.05]
 
 
 def mesh_storey(path: Path | str, storey: str, changes: Changes, seed: int, tolerance: float) -> StoreyModel:

@@ -161,5 +161,5 @@ def _is_open(wall: IfcProduct, low: Array, high: Array, axes: Array) -> bool:
     """Whether a ray goes through the wall in the middle of the box between two corners (3,), given in the axes."""
     start = (low + high) / 2
     start[1] = low[1] - BEFORE
-    met = TriangleScene(wall.vertices[wall.faces]).distances(start @ axes, axes[1:2])[0]
+    met = TriangleScene(wall.triangles).distances(start @ axes, axes[1:2])[0]
     return bool(met > BEFORE + high[1] - low[1])
