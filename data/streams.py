@@ -17,7 +17,7 @@ from data.scans.bags import CLOUDS, is_lidar, read_cloud
 from data.scans.formats import READERS, read_timed
 from data.scans.point_times import GAP_NS, Stamped, StampRule, TurnTimes
 from data.scans.scan import SkippedScan, finished
-from data.trajectory.stamps import NOTE_INDICES, SCAN_PERIOD_NS, ns_to_seconds, seconds_to_ns, stamp_in_name
+from data.trajectory.stamps import NOTE_INDICES, SCAN_PERIOD_NS, ns_to_seconds, seconds_to_ns, stamp_of
 
 _SETTLED = 1.0  # s after its last change from which a file is complete,
 _LEFT = 0.1  # and so soon where a later one is there: its writer has gone on
@@ -223,12 +223,12 @@ class GrowingStamps:
         if self._in_names is None:
             beside = (self._folder / "times.txt", self._folder.resolve().parent / "times.txt")
             self._times = next((times for times in beside if times.is_file()), None)
-            self._in_names = self._times is None and _named(file) is not None
+            self._in_names = self._times is None and stamp_of(file) is not None
         if self._times is not None:
             if index >= len(self._stamps):
                 self._read_on(self._times)
             return self._stamps[index] if index < len(self._stamps) else None
-        stamp = _named(file)
+        stamp = stamp_of(file)
         if (stamp is not None) != self._in_names:
             raise UserError(
                 f"{file}: its name carries {'a' if stamp is not None else 'no'} stamp, unlike those before; give every "
@@ -250,10 +250,3 @@ class GrowingStamps:
                 self._stamps.append(seconds_to_ns(text))
             except ValueError as error:
                 raise UserError(f"{times}, line {self._lines}: {error}; give one stamp (s) per line") from None
-
-
-def _named(file: Path) -> int | None:
-    try:
-        return stamp_in_name(file.stem)
-    except ValueError as error:
-        raise UserError(f"{file}: {error}; rename it, or give times.txt") from None

@@ -29,7 +29,7 @@ from data.geometry.areas import Area, polygons_of, united
 from data.plans.flat_plan import HEIGHT, roomless_surfaces
 from data.plans.polygons import Drawing, DrawnRoom, Plan, scene_graph_of, with_pillars
 from data.scene_graph import Floor, WallSurface
-from data.walls.rooms import Level
+from data.walls.rooms import Level, width_of
 
 MIN_AREA = 1.0  # m2: below it, a shaft
 DOOR_WIDTH = (0.5, 2.5)  # m: a plan whose doors are mostly wider or narrower is not in metres
@@ -112,8 +112,7 @@ def _check_metres(doors: list[Area]) -> None:
     """Checks the unit by the doors, whose size is known."""
     if not doors:
         return
-    corners = np.stack([np.asarray(shapely.oriented_envelope(d).exterior.coords)[:3] for d in doors])
-    width = float(np.median(np.hypot(*np.diff(corners, axis=1).transpose(2, 0, 1)).max(axis=1)))
+    width = float(np.median([width_of(door) for door in doors]))
     if not DOOR_WIDTH[0] <= width <= DOOR_WIDTH[1]:
         raise UserError(f"its doors are {width:.2g} m wide: the plan is not in metres; scale it")
 

@@ -49,7 +49,7 @@ class Changes:
         if not 0 < self.displaced_by <= MOST:
             raise UserError(f"displaced by {self.displaced_by:g} m: give more than 0, and at most {MOST:g}")
         for what, shares in self._shares.items():
-            if min(shares.values()) < 0 or sum(shares.values()) > 1:
+            if not (min(shares.values()) >= 0 and sum(shares.values()) <= 1):  # nor NaN
                 named = [f"{name} ({share:g})" for name, share in shares.items()]
                 raise UserError(f"shares of {', '.join(named[:-1])} and {named[-1]} {what}: give 0 to 1 in all")
 
