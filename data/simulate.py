@@ -23,10 +23,8 @@ from data.scans.writers import SCAN_WRITERS
 from data.simulation import Changes
 from data.simulation.carriers import CARRIERS, carrier_named
 from data.simulation.effects import ALL, EFFECTS
-from data.simulation.imu import IMUS
-from data.simulation.run import IMU
-from data.simulation.sensor import SENSORS, sensor_named
-from data.simulation.simulate import simulate
+from data.simulation.sensor import IMUS, SENSORS, sensor_named
+from data.simulation.simulate import IMU, simulate
 
 _CHANGED = {  # options, the shares of `Changes` that they are, and what these are of
     "moved-walls": ("moved", "walls that are moved"),

@@ -22,7 +22,7 @@ from data.imu import ImuSamples, read_imu
 from data.scans import Scan, ScanFolder
 from data.simulation import Change
 from data.simulation.changes import AS_PLANNED
-from data.simulation.run import IMU
+from data.simulation.simulate import IMU
 from data.trajectory import Trajectory
 from evaluation.buildings import building_file, building_named, locked
 from evaluation.conditions import BEGINS, BUILDING

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from data.common.cli import run_command
 from data.common.errors import UnreadableScanError, UserError
 from data.geometry.poses import poses_to_xyzquat
-from data.scans.cloud_messages import POINT_CLOUD, read_cloud
+from data.scans.bags import POINT_CLOUD, read_cloud
 from data.scans.scan import finished
 from sgslam.live.live_slam import Answer, LiveSlam
 

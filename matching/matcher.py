@@ -71,7 +71,7 @@ class Matcher:
         Returns:
             The match. `T_a_s` is (yaw, x, y) in radians and metres: p_a = R(yaw) p_s + (x, y). Rely on it only if the
             status is `unique`. `learned` and `voting` do not search for mirror images, but a mirrored map of many rooms
-            may get a unique answer: if the map may be mirrored, match `data.scene_graph.motion.mirrored(s)` too, as
+            may get a unique answer: if the map may be mirrored, match `data.scene_graph.graph.mirrored(s)` too, as
             runs do, and rely on the answer only if that one explains less. Graphs without wall surfaces, and graphs
             that cannot be in metres or whose normals point out of their rooms (see `data.scene_graph.implausible`), do
             not raise: they give the status `none` and the reason.

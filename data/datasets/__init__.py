@@ -4,8 +4,7 @@ from pathlib import Path
 
 from data.common.errors import UserError
 from data.datasets.data_set import LISTS, DataSet, Listed, Recording
-from data.datasets.published import Conslam, Hilti2021
-from data.datasets.slabim import Slabim
+from data.datasets.published import Conslam, Hilti2021, Slabim
 
 KNOWN: tuple[type[DataSet], ...] = (Listed, Slabim, Hilti2021, Conslam)  # in order of recognition
 __all__ = ["KNOWN", "DataSet", "Recording", "data_set_in"]

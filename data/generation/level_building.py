@@ -14,8 +14,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from data.generation.demo_building import drawn_demo_building
-from data.generation.demo_plan import CLEAR_HEIGHT, GROUND, STAIRWELL, UPPER, tidied
+from data.generation.demo_building import CLEAR_HEIGHT, GROUND, STAIRWELL, UPPER, drawn_demo_building, tidied
 from data.generation.plan_mesh import DOORWAY, LINTEL, SLAB, drawn_storey
 from data.geometry.areas import Area, largest, overlap, polygons_of
 from data.ifc.writer import IfcWriter, Matrix, Prism, placed

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from shapely.ops import nearest_points
 
 from data.common.errors import UserError
-from data.geometry.areas import Area, united
+from data.geometry.areas import Area, triangles_of, united
 from data.scene_graph import Door, SceneGraph
 
 Array = NDArray[np.float64]
@@ -87,8 +87,7 @@ def extruded(area: Area, low: float, high: float) -> Array:
     """(M, 3, 3) the surface of a body with this outline from a lower to an upper height, turned outwards."""
     import trimesh
 
-    triangles = shapely.constrained_delaunay_triangles(area).geoms
-    corners = shapely.get_coordinates(list(triangles)).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)
+    corners = triangles_of(area).reshape(-1, 2)
     vertices, faces = np.unique(corners, axis=0, return_inverse=True)
     body = trimesh.creation.extrude_triangulation(vertices, faces.reshape(-1, 3), high - low)
     return np.asarray(body.triangles) + np.array([0.0, 0.0, low])

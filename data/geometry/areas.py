@@ -7,7 +7,9 @@ common part of two rooms that only touch came out as one of them.
 from collections.abc import Iterable
 from typing import Any
 
+import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 Area = Any  # a shapely Polygon or MultiPolygon, maybe empty
 GRID = 1e-5  # m
@@ -55,6 +57,12 @@ def polygons_of(area: Any) -> Area:
         return area
     parts = [p for p in shapely.get_parts(area) if p.geom_type in ("Polygon", "MultiPolygon")]
     return shapely.union_all(parts, grid_size=GRID) if parts else shapely.Polygon()
+
+
+def triangles_of(area: Area) -> NDArray[np.float64]:
+    """(M, 3, 2) triangles that cover the area, between its corners."""
+    corners = shapely.get_coordinates(shapely.constrained_delaunay_triangles(area))
+    return np.asarray(corners.reshape(-1, 4, 2)[:, :3])
 
 
 def largest(area: Area) -> Area:

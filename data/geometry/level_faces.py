@@ -11,6 +11,7 @@ import shapely
 from numpy.typing import NDArray
 
 from data.geometry.areas import Area, difference, overlap, polygons_of, united
+from data.geometry.raycast import area_normals
 
 Array = NDArray[np.float64]
 Plane = tuple[float, float, float]
@@ -46,7 +47,7 @@ def level_faces(triangles: Array, source: str = "", kind: str = "", is_body: boo
     Those of one connected body (`is_body`) face away from its inside, whichever way they were drawn; a sheet faces both
     ways. Other triangles face as they were drawn.
     """
-    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2
+    normals = area_normals(triangles)
     sizes = np.linalg.norm(normals, axis=1)
     order = np.argsort(-sizes, kind="stable")
     free = (np.abs(normals[:, 2]) > LEVEL * sizes) & (sizes > 0)

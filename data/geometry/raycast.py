@@ -14,6 +14,11 @@ BOX_FACES = np.array(
 )
 
 
+def area_normals(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(M, 3) the normals of triangles (M, 3, 3), as long as their areas."""
+    return np.asarray(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2)
+
+
 class TriangleScene:
     """Triangles (M, 3, 3) in metres, kept about a local origin because Embree counts in float32."""
 

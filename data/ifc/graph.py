@@ -2,28 +2,30 @@
 
 from collections import Counter, defaultdict
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
+import ifcopenshell
 import numpy as np
 import shapely
+from ifcopenshell.util.element import get_parts
 
 from data.common.errors import UserError
 from data.geometry.areas import Area, united
-from data.ifc.doors import doors_of
-from data.ifc.enclosed_rooms import rooms_between
+from data.ifc.doors import doors_of, rooms_between
 from data.ifc.products import open_ifc, solids
-from data.ifc.rooms import floor_of, floors_of, planned_levels, rooms_of
-from data.scene_graph import Floor, SceneGraph, WallSurface
+from data.ifc.rooms import STOREY_APART, floor_of, floors_of, planned_levels, rooms_of
+from data.scene_graph import Floor, SceneGraph, WallSurface, implausible
 from data.walls.levels import level_surfaces
 from data.walls.rooms import Level, RoomVolume, open_area
 from data.walls.solids import Solid
-from data.walls.surfaces import surfaces_at
+from data.walls.surfaces import CUTS, surfaces_at
 
 WALLS = ("IfcWall", "IfcCurtainWall")
 COLUMNS = ("IfcColumn",)
 SAME_LEVEL = 0.25  # m: floors of one level differ by less
-STOREY_APART = 1.0  # m: storeys closer to each other (structural and finished level) count once
 HEAD = 2.0  # m: a wall that reaches this far above a storey's floor stands in that storey too
+NEAR = 1.0  # m before a wall: what stands further hides nothing of it
 SLIT = 0.05  # m: walls closer to each other leave no way between them
 
 
@@ -33,7 +35,7 @@ def read_ifc(path: Path | str) -> tuple[SceneGraph, tuple[str, ...]]:
     Raises UserError for a file that cannot be read or has no walls.
     """
     model = open_ifc(path)
-    count = sum(len(model.by_type(c)) for c in WALLS)
+    count = sum(not _of_walls(w) for c in WALLS for w in model.by_type(c))
     made = solids(model, WALLS)
     shadows = {s.id: s.shadow() for s in made}
     walls = [s for s in made if _stands(s, shadows[s.id])]
@@ -43,14 +45,22 @@ def read_ifc(path: Path | str) -> tuple[SceneGraph, tuple[str, ...]]:
         raise UserError(f"{path}: has {lack} (IfcWall, IfcCurtainWall); export the walls with their geometry")
     rooms, notices = rooms_of(model)
     floors, has_spaces = floors_of(model, rooms, walls), bool(rooms)
+    if not model.by_type("IfcBuildingStorey"):
+        notices.append(f"no IfcBuildingStorey: {len(floors)} made of the heights at which rooms or walls begin")
+    notices += _used_twice(model)
+    walls, columns = (
+        [replace(s, storey=floor_of(s.storey, s.bottom, floors)) for s in own] for own in (walls, columns)
+    )
     if has_spaces:
-        rooms = [replace(r, room=replace(r.room, floor=floor_of(r, floors))) for r in rooms]
-        levels = _levels(floors, rooms, walls, shadows)
+        rooms = [replace(r, room=replace(r.room, floor=floor_of(r.room.floor, r.bottom, floors))) for r in rooms]
+        levels = _levels(floors, rooms, [*walls, *columns], shadows)
+        if bare := [f.name or f.id for f in floors if f.id in {lv.floor for lv in levels if not lv.rooms}]:
+            notices.append(f"no rooms on {', '.join(bare)}: walls but no IfcSpace; wall surfaces alone are used there")
     else:
         levels = rooms_between(model, _levels_without_rooms(floors, walls, columns), [*walls, *columns])
         rooms = [r for level in levels for r in level.rooms]
         notices.insert(0, _no_spaces(rooms, walls))
-    surfaces = _numbered([s for level in levels for s in surfaces_at(level, [*walls, *columns])])
+    surfaces = _numbered([s for level in levels for s in surfaces_at(level, _near(level, [*walls, *columns]))])
     if len(walls) < count:
         notices.append(f"{count - len(walls)} of {count} walls have no geometry or lie flat, and are left out")
     doors = doors_of(model, rooms, shadows)
@@ -61,7 +71,23 @@ def read_ifc(path: Path | str) -> tuple[SceneGraph, tuple[str, ...]]:
 
     levels_seen = level_surfaces(planned_levels(model, has_spaces), rooms, floors, walls_at)
     graph = SceneGraph("bim", tuple(r.room for r in rooms), surfaces, doors, floors, level_surfaces=levels_seen)
+    if (wrong := implausible(graph)) is not None:
+        notices.append(wrong)
     return graph, tuple(notices)
+
+
+def _of_walls(wall: ifcopenshell.entity_instance) -> bool:
+    """Whether a wall is made of walls, which stand for it."""
+    return wall.Representation is None and any(part.is_a(c) for part in get_parts(wall) for c in WALLS)
+
+
+def _used_twice(model: ifcopenshell.file) -> list[str]:
+    """A notice on elements and spaces with the GlobalId of another."""
+    used = Counter(e.GlobalId for c in ("IfcElement", "IfcSpatialStructureElement") for e in model.by_type(c))
+    twice = [global_id for global_id, times in used.items() if times > 1]
+    if not twice:
+        return []
+    return [f"GlobalIds given more than once: {len(twice)} ({twice[0]}); one element of each may be missing; mend them"]
 
 
 def _stands(solid: Solid, shadow: Area) -> bool:
@@ -78,9 +104,14 @@ def _no_spaces(rooms: list[RoomVolume], walls: list[Solid]) -> str:
 
 
 def _levels(
-    floors: tuple[Floor, ...], rooms: list[RoomVolume], walls: list[Solid], shadows: dict[str, Area]
+    floors: tuple[Floor, ...], rooms: list[RoomVolume], solids: list[Solid], shadows: dict[str, Area]
 ) -> list[Level]:
-    """The levels at which walls are cut: at each storey's rooms, and in storeys with walls but no rooms."""
+    """The levels at which walls are cut: at each storey's rooms, and in storeys with walls but no rooms.
+
+    Of storeys at one height, the walls of each are its own. `solids` are walls and columns, `shadows` those of walls.
+    """
+    walls = [s for s in solids if s.id in shadows]
+    open_at = cache(lambda z: _open(z, rooms, walls, shadows))  # several buildings' storeys lie at one height
     levels = []
     elevation = {f.id: f.elevation for f in floors}
     of_floor: dict[str | None, list[RoomVolume]] = defaultdict(list)
@@ -97,14 +128,32 @@ def _levels(
         for group in groups:
             bottom = float(np.median([r.bottom for r in group]))
             top = max(r.top for r in group)
-            outside = _open(bottom, rooms, walls, shadows) if group is main else shapely.Polygon()
+            outside = open_at(bottom) if group is main else shapely.Polygon()
             levels.append(Level(floor, bottom, top, tuple(group), outside))
     for floor in Counter(s.storey for s in walls):
         z = elevation.get(floor) if floor is not None else None
-        if z is not None and floor not in of_floor:
+        beside = (lv for lv in levels if z is not None and abs(lv.bottom - z) < STOREY_APART)
+        if z is not None and floor not in of_floor and not any(beside):
             top = max(s.top for s in walls)
-            levels.append(Level(floor, z, top, (), _open(z, rooms, walls, shadows)))
-    return levels
+            levels.append(Level(floor, z, top, (), open_at(z)))
+    return [replace(level, own=_own(level, levels, solids)) for level in levels]
+
+
+def _own(level: Level, levels: list[Level], solids: list[Solid]) -> frozenset[str] | None:
+    """The walls and columns without those of other storeys at this height; None if there are no such storeys."""
+    near = {lv.floor for lv in levels if abs(lv.bottom - level.bottom) < STOREY_APART} - {level.floor}
+    return frozenset(s.id for s in solids if s.storey not in near) if near else None
+
+
+def _near(level: Level, solids: list[Solid]) -> list[Solid]:
+    """Of the storeys at one height, what stands in the rectangle about a level's rooms and its own walls."""
+    if level.own is None:
+        return solids
+    standing = [s for s in solids if s.bottom < level.bottom + CUTS[-1] and s.top > level.bottom + CUTS[0]]
+    plans = [shapely.box(*s.corners[:, :2].min(axis=0), *s.corners[:, :2].max(axis=0)) for s in standing]
+    inside = [plan for s, plan in zip(standing, plans, strict=True) if s.id in level.own]
+    around = shapely.box(*shapely.total_bounds([*inside, *(r.area for r in level.rooms)])).buffer(NEAR)
+    return [s for s, plan in zip(standing, plans, strict=True) if plan.intersects(around)]
 
 
 def _open(z: float, rooms: list[RoomVolume], walls: list[Solid], shadows: dict[str, Area]) -> Area:
@@ -116,14 +165,11 @@ def _open(z: float, rooms: list[RoomVolume], walls: list[Solid], shadows: dict[s
 def _levels_without_rooms(floors: tuple[Floor, ...], walls: list[Solid], columns: list[Solid]) -> list[Level]:
     """One level for each storey with walls; a wall stands where it begins and in storeys it spans."""
     walls_of = Counter(s.storey for s in walls)
-    storeys = [f for f in floors if walls_of[f.id] and f.elevation is not None]
-    candidates: list[tuple[int, float, str | None]] = [(-walls_of[f.id], f.elevation or 0.0, f.id) for f in storeys]
-    if not candidates:
-        candidates = [(-n, z, None) for z, n in Counter(round(s.bottom, 1) for s in walls).items()]
-    chosen: list[tuple[float, str | None]] = []
-    for _, z, floor in sorted(candidates, key=lambda c: c[:2]):
-        if all(abs(z - other) >= STOREY_APART for other, _ in chosen):
-            chosen.append((z, floor))
+    chosen: list[tuple[float, str]] = []
+    for storey in sorted(floors, key=lambda f: (-walls_of[f.id], f.elevation or 0.0)):
+        z = storey.elevation
+        if z is not None and walls_of[storey.id] and all(abs(z - other) >= STOREY_APART for other, _ in chosen):
+            chosen.append((z, storey.id))
     chosen.sort(key=lambda c: c[0])
     highest = max(s.top for s in walls)
     levels = []
@@ -134,7 +180,7 @@ def _levels_without_rooms(floors: tuple[Floor, ...], walls: list[Solid], columns
     return levels
 
 
-def _home(solid: Solid, levels: list[tuple[float, str | None]]) -> int:
+def _home(solid: Solid, levels: list[tuple[float, str]]) -> int:
     below = [k for k, (z, _) in enumerate(levels) if z < solid.bottom + STOREY_APART / 2]
     return below[-1] if below else 0
 

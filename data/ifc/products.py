@@ -33,6 +33,11 @@ class IfcProduct:
     vertices: NDArray[np.float64]
     faces: NDArray[np.int32]
 
+    @property
+    def triangles(self) -> NDArray[np.float64]:
+        """(M, 3, 3) the corners of its faces."""
+        return self.vertices[self.faces]
+
 
 def open_ifc(path: Path | str) -> ifcopenshell.file:
     """Opens an IFC file. Raises UserError if it is missing, not IFC, or truncated."""

@@ -1,6 +1,7 @@
 """Rooms and storeys of an IFC model: the footprints of its spaces, without those that a robot cannot enter; elevations
 of finished floors; level faces."""
 
+from collections import Counter
 from dataclasses import replace
 
 import ifcopenshell
@@ -27,6 +28,7 @@ SHOWN = 3  # names of spaces that are left out for one reason
 TIDY = 0.001  # m: corners that stand out less are no corners
 STAIRS = ("IfcStair", "IfcStairFlight", "IfcRamp", "IfcRampFlight")
 LEVELS = ("IfcSlab", "IfcCovering", "IfcRoof", *STAIRS)
+STOREY_APART = 1.0  # m: storeys closer to each other (structural and finished level) count once
 ASTRAY = 1.0  # m: walls that begin further from a storey's stated elevation show that it is stated otherwise
 
 
@@ -38,12 +40,11 @@ def rooms_of(model: ifcopenshell.file) -> tuple[list[RoomVolume], list[str]]:
     """
     spaces = model.by_type("IfcSpace")
     chosen = {s.GlobalId: s for s in spaces if _is_room(s)}
+    bodies = {solid.id: solid for solid in reversed(solids(model, ("IfcSpace",))) if solid.id in chosen}
     volumes: list[RoomVolume] = []
-    for solid in solids(model, ("IfcSpace",)):
-        if solid.id in chosen and solid.id not in {v.room.id for v in volumes}:
-            area = _tidy(solid.shadow())
-            room = Room(solid.id, (0.0, 0.0), solid.storey, _name(chosen[solid.id]))
-            volumes.append(RoomVolume(room, area, solid.bottom, solid.top))
+    for solid in reversed(bodies.values()):
+        room = Room(solid.id, (0.0, 0.0), solid.storey, _name(chosen[solid.id]))
+        volumes.append(RoomVolume(room, _tidy(solid.shadow()), solid.bottom, solid.top))
     large = [v for v in volumes if v.area.area >= MIN_AREA and v.top - v.bottom >= MIN_HEIGHT]
     kept = {v.room.id: v for v in _without_overlaps(large)}
     rooms = [finished(kept[v.room.id]) for v in large if v.room.id in kept]
@@ -107,7 +108,7 @@ def _inside(small: Area, large: Area) -> bool:
 
 
 def floors_of(model: ifcopenshell.file, rooms: list[RoomVolume], walls: list[Solid]) -> tuple[Floor, ...]:
-    """All IfcBuildingStorey from the lowest up; elevations are z in the BIM frame.
+    """All IfcBuildingStorey, else the heights at which most begins, from the lowest up; elevations are z in BIM.
 
     Where the storey has rooms, its elevation is that of their lower faces (median by area); else what the
     file states, as placement or Elevation, whichever agrees with its walls; else where these begin.
@@ -118,14 +119,19 @@ def floors_of(model: ifcopenshell.file, rooms: list[RoomVolume], walls: list[Sol
         begins = [w.bottom for w in walls if w.storey == storey.GlobalId]
         elevation = _weighted_median(own) if own else _stated(model, storey, begins)
         floors.append(Floor(storey.GlobalId, storey.Name or storey.LongName or "", elevation))
+    if all(f.elevation is None for f in floors):
+        floors = []
+        for z, _ in Counter(round(body.bottom, 1) for body in rooms or walls).most_common():
+            if all(abs(z - (f.elevation or 0.0)) >= STOREY_APART for f in floors):
+                floors.append(Floor(f"level {z:.2f}", f"{z:.2f} m", z))
     return tuple(sorted(floors, key=lambda f: (f.elevation is None, f.elevation or 0.0)))
 
 
-def floor_of(room: RoomVolume, floors: tuple[Floor, ...]) -> str | None:
-    """The room's storey; where the file names none, the highest that its floor is not below."""
-    if room.room.floor is not None:
-        return room.room.floor
-    below = [f for f in floors if f.elevation is not None and f.elevation < room.bottom + ASTRAY / 2]
+def floor_of(stated: str | None, bottom: float, floors: tuple[Floor, ...]) -> str | None:
+    """The stated storey of a body; where the file names none, the highest that its bottom is not below."""
+    if stated is not None:
+        return stated
+    below = [f for f in floors if f.elevation is not None and f.elevation < bottom + ASTRAY / 2]
     return below[-1].id if below else None
 
 

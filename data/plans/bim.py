@@ -12,7 +12,7 @@ from data.common.files import read_json, user_cache, write_json
 from data.ifc.guard import read_guarded
 from data.scene_graph import SceneGraph
 
-EXTRACTOR_VERSION = 8  # to be raised whenever the A-graph of the same file changes
+EXTRACTOR_VERSION = 9  # to be raised whenever the A-graph of the same file changes
 IFC_SUFFIXES = (".ifc", ".ifczip")
 PLANS = "an IFC file (.ifc, .ifczip), a drawing (.dxf), GeoJSON (.geojson), or an A-graph (.json)"
 
@@ -28,7 +28,7 @@ class Bim:
 
 def load_bim(path: Path | str, cache_dir: Path | str | None = None, layers: Sequence[str] = ()) -> Bim:
     """Reads a plan: `.ifc` or `.ifczip`; `.dxf` (`layers` are the names of the wall layers); `.geojson`; or `.json`
-    with an A-graph, GeoJSON or a floor plan (`data.plans.polygons_json`).
+    with an A-graph, GeoJSON or a floor plan (`data.plans.published_plans`).
 
     The result for an IFC file is cached in `cache_dir` (default: $SGSLAM_CACHE_DIR, else sgslam in the user's cache
     directory) under the file's SHA-256. Raises UserError for a file that is missing, unreadable, of another kind, or
@@ -70,7 +70,7 @@ def _of_json(path: Path) -> Bim:
 
         return Bim(*plan_of(value, str(path)))
     if "rooms" in known and "schema_version" not in known:
-        from data.plans.polygons_json import read_json_plan
+        from data.plans.published_plans import read_json_plan
 
         return Bim(read_json_plan(path.read_bytes(), str(path)).graph)
     return Bim(_with_walls(SceneGraph.load(path), path))

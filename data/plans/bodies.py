@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from data.geometry.areas import triangles_of
 from data.geometry.intervals import Intervals, united, without
 from data.scene_graph import WALL_HEIGHT, LevelSurface, SceneGraph, WallSurface
 
@@ -159,6 +160,6 @@ _FACES = np.array([
 def _sheet(level: LevelSurface) -> Array:
     """(M, 3, 3) triangles of a floor or a ceiling."""
     area = shapely.make_valid(shapely.Polygon(level.polygon, level.holes))
-    corners = shapely.get_coordinates(shapely.constrained_delaunay_triangles(area)).reshape(-1, 4, 2)[:, :3]
+    corners = triangles_of(area)
     z = [[level.height(x, y) for x, y in triangle] for triangle in corners.tolist()]
     return np.concatenate([corners, np.reshape(z, (-1, 3, 1))], axis=2)

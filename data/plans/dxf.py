@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
-from data.plans.flat_plan import FlatStorey, graph_of_storeys
-from data.plans.wall_lines import DrawnWalls, even_odd, walls_of_lines
+from data.plans.flat_plan import DrawnWalls, FlatStorey, even_odd, graph_of_storeys, walls_of_lines
 from data.scene_graph import SceneGraph
 
 Array = NDArray[np.float64]

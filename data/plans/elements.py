@@ -46,7 +46,7 @@ def _planned_elements(ifc: Path, mtime_ns: int) -> tuple[PlannedElement, ...]:
 
 
 def _element(product: IfcProduct, storeys: dict[str, str], kind: Kind) -> PlannedElement:
-    triangles = product.vertices[product.faces]
+    triangles = product.triangles
     storey = storeys.get(product.storey or "", "")
     pane = PANE if product.ifc_class == "IfcCurtainWall" else 0.0
     return PlannedElement(product.global_id, product.ifc_class, product.name, storey, kind, triangles, pane=pane)
@@ -91,7 +91,7 @@ def other_bodies(ifc: Path | str) -> NDArray[np.float64]:
     model = open_ifc(ifc)
     known = (*SOLID, *FILLINGS, "IfcFeatureElement", "IfcVirtualElement", "IfcGeographicElement")
     others = sorted({e.is_a() for e in model.by_type("IfcElement") if not any(e.is_a(c) for c in known)})
-    bodies = [product.vertices[product.faces] for product in products(model, tuple(others))]
+    bodies = [product.triangles for product in products(model, tuple(others))]
     return np.concatenate(bodies or [np.empty((0, 3, 3))])
 
 

@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 
 from data.common.errors import UserError
 from data.geometry.areas import Area, polygons_of, united
-from data.plans.flat_plan import FlatStorey, graph_of_storeys
-from data.plans.polygons_json import is_room
-from data.plans.wall_lines import walls_of_lines
+from data.plans.flat_plan import FlatStorey, graph_of_storeys, walls_of_lines
+from data.plans.published_plans import is_room
 from data.scene_graph import SceneGraph
 
 KIND = ("type", "kind", "category", "class", "feature_type", "featuretype", "indoor", "layer", "element", "ifc_class")

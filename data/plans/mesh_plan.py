@@ -17,6 +17,7 @@ from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 from data.geometry.areas import Area, closed, difference, opened, united
 from data.geometry.level_faces import level_faces
+from data.geometry.raycast import area_normals
 from data.scene_graph import Door, Floor, LevelSurface, SceneGraph, WallSurface
 from data.walls.levels import PlannedLevels, level_surfaces
 from data.walls.rooms import (
@@ -94,7 +95,7 @@ def read_mesh(path: Path | str, *more: Path | str) -> MeshBuilding:
 
 def _floors(triangles: Array) -> list[tuple[float, Area]]:
     """The heights of level upward faces, lowest first, and their areas in plan."""
-    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2
+    normal = area_normals(triangles)
     size = np.linalg.norm(normal, axis=1)
     level = normal[:, 2] > 0.99 * size
     faces, area, z = triangles[level], size[level], triangles[level, :, 2].mean(axis=1)

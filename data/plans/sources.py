@@ -12,9 +12,8 @@ from typing import Literal
 
 from data.common.errors import UserError
 from data.plans.bim import IFC_SUFFIXES, load_bim
-from data.plans.msd import read_msd
 from data.plans.polygons import Plan
-from data.plans.polygons_json import Buildings, read_json_plan
+from data.plans.published_plans import Buildings, read_json_plan, read_msd
 
 _log = logging.getLogger(__name__)
 MAX_MEMBER = 50_000_000  # bytes: no plan is larger
@@ -26,7 +25,7 @@ SHARES: Mapping[Split, float] = MappingProxyType({"train": 0.7, "validation": 0.
 def read_plans(path: Path | str, merge_collinear: bool = True) -> Iterator[Plan]:
     """Reads plans one by one, in the order of their names (a table's in its own order).
 
-    `path` is a folder of plan JSON files or one of them (see `plans_json`), a `.tar.gz` of such files, Modified
+    `path` is a folder of plan JSON files or one of them (see `published_plans`), a `.tar.gz` of such files, Modified
     Swiss Dwellings' `.csv` (its apartments), an `.ifc` or `.ifczip`,
     or an A-graph as `.json`. Of many plans those that cannot be used are left out, each with one
     line in the log; a single one raises. `merge_collinear=False`: see `scene_graph_of`.

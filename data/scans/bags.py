@@ -1,13 +1,112 @@
-"""Scans in bags."""
+"""Scans in bags, of ROS messages: sensor_msgs/PointCloud2 of any layout, and Livox's CustomMsg."""
 
+import struct
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from itertools import repeat
 from pathlib import Path
+from typing import Any
 
-from data.bags import Bag
+import numpy as np
+from numpy.typing import NDArray
+
+from data.bags import Bag, Record, decoded, reason
 from data.common.errors import EndOfScansError, UnreadableScanError, UserError
-from data.scans.cloud_messages import CLOUDS, read_cloud
+from data.scans.formats import XYZ
+from data.scans.point_times import time_field
 from data.scans.scan import Scan, ScanSource, finished
+from data.trajectory.stamps import NS
+
+POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
+LIVOX = ("livox_ros_driver/msg/CustomMsg", "livox_ros_driver2/msg/CustomMsg", "livox_interfaces/msg/CustomMsg")
+CLOUDS = (POINT_CLOUD, *LIVOX)
+_NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}  # PointField's datatypes
+_LIVOX_FIELDS = (("offset_time", "u4"), *((axis, "f4") for axis in XYZ), ("reflectivity", "V1"), ("tag_line", "V2"))
+_LIVOX_SIZE, _LIVOX_TURN = 19, 20  # bytes of a point, and from point to point in CDR, which aligns them
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """A message's points (N, 3) as stored, their times (N,) as stored or None, and its header's stamp (0: never set).
+
+    `is_lidar`: its points carry times or rings, as those of a LiDAR's driver do.
+    """
+
+    stamp_ns: int
+    points: NDArray[Any]
+    times: NDArray[Any] | None
+    is_lidar: bool
+
+
+def read_cloud(data: bytes, msgtype: str, is_cdr: bool) -> Cloud:
+    """The points of a message as ROS 2 (`is_cdr`) or ROS 1 serialises it.
+
+    Raises UnreadableScanError where the message does not hold together.
+    """
+    try:
+        return _livox(data, is_cdr) if msgtype in LIVOX else _point_cloud(data, is_cdr)
+    except UnreadableScanError:
+        raise
+    except Exception as error:  # rosbags, numpy and struct raise many kinds on garbage
+        raise UnreadableScanError(f"a broken message ({reason(error)})") from None
+
+
+def _point_cloud(data: bytes, is_cdr: bool) -> Cloud:
+    message = decoded(data, POINT_CLOUD, is_cdr)
+    order = ">" if message.is_bigendian else "<"
+    kinds = {f.name: (f.datatype, f.offset) for f in message.fields if f.count in (0, 1) and f.datatype in _NUMBERS}
+    if not all(axis in kinds for axis in XYZ):
+        raise UnreadableScanError("its points have no fields x, y, z")
+    columns = {name: (order + _NUMBERS[kind], offset) for name, (kind, offset) in kinds.items()}
+    rows, width, step = message.height, message.width, message.point_step
+    # drivers leave row_step as it was before they cut or joined rows; that there is no padding the length says
+    padded = rows > 1 and len(message.data) != rows * width * step
+    row_step = max(message.row_step, width * step) if padded else width * step
+    if rows * width == 0:
+        raise UnreadableScanError("it is empty")
+    if len(message.data) < (rows - 1) * row_step + width * step:
+        raise UnreadableScanError(f"it claims {rows * width} points of {step} bytes and has {len(message.data)} bytes")
+    layout = np.dtype(
+        {"names": list(columns), "formats": [f for f, _ in columns.values()],
+         "offsets": [o for _, o in columns.values()], "itemsize": step}
+    )  # fmt: skip
+    table: NDArray[Any] = np.ndarray((rows, width), layout, message.data, strides=(row_step, step))
+    points = np.stack([table[axis].ravel() for axis in XYZ], axis=1)
+    name = time_field(list(columns))
+    times = None if name is None else table[name].ravel()
+    stamp = message.header.stamp
+    ringed = any(ring in columns for ring in ("ring", "line", "channel", "laser_id"))
+    return Cloud(stamp.sec * NS + stamp.nanosec, points, times, times is not None or ringed)
+
+
+def _livox(data: bytes, is_cdr: bool) -> Cloud:
+    """Header, uint64 timebase, uint32 point_num, uint8 lidar_id, uint8[3], CustomPoint[]; read by hand, since to make
+    an object of each point would take longer than the rest of the run."""
+    order = "<" if not is_cdr or data[1] & 1 else ">"
+    at = 4  # past the sequence number, or CDR's four bytes, from which it aligns
+    sec, nsec, length = struct.unpack_from(f"{order}iII", data, at)
+    at += 12 + length
+    if is_cdr:
+        at += -(at - 4) % 8
+    at += 8 + 4 + 4
+    (count,) = struct.unpack_from(f"{order}I", data, at)
+    at += 4
+    turn = _LIVOX_TURN if is_cdr else _LIVOX_SIZE
+    if not count:
+        raise UnreadableScanError("it is empty")
+    if len(data) - at < (count - 1) * turn + _LIVOX_SIZE:
+        raise UnreadableScanError(f"it claims {count} points and has {len(data)} bytes")
+    layout = np.dtype([(name, order + kind) for name, kind in _LIVOX_FIELDS])
+    table: NDArray[Any] = np.ndarray((count,), layout, data, at, (turn,))
+    return Cloud(sec * NS + nsec, np.stack([table[axis] for axis in XYZ], axis=1), table["offset_time"].copy(), True)
+
+
+def is_lidar(record: Record) -> bool:
+    """Whether a message holds points as a LiDAR's driver gives them."""
+    try:
+        return read_cloud(record.data, record.msgtype, record.is_cdr).is_lidar
+    except UnreadableScanError:
+        return False
 
 
 class BagScans(ScanSource):
@@ -37,19 +136,14 @@ class BagScans(ScanSource):
         bag = self._bag
         if wanted is not None:
             return bag.named(wanted, "--topic", "topic with scans")
-        lidars = list(bag.counts) if len(bag.counts) == 1 else [name for name in bag.counts if self._is_lidar(name)]
+        lidars = list(bag.counts)
+        if len(lidars) > 1:
+            lidars = [name for name in lidars if (first := next(bag.messages(name), None)) and is_lidar(first)]
         if len(lidars) != 1:
             raise UserError(f"{self.path}: several topics hold points: {bag.listed}; choose one with --topic NAME")
         if len(bag.counts) > 1:
             self.note = f"scans are read from {lidars[0]}, which has a LiDAR's fields; others with points: {bag.listed}"
         return lidars[0]
-
-    def _is_lidar(self, topic: str) -> bool:
-        record = next(self._bag.messages(topic), None)
-        try:
-            return record is not None and read_cloud(record.data, record.msgtype, record.is_cdr).is_lidar
-        except UnreadableScanError:
-            return False
 
     def _jobs(self) -> Iterator[Callable[[], Scan]]:
         self._index, self._unset_logged = 0, False

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.errors import EndOfScansError, UnreadableScanError, UserError
-from data.scans.point_times import Stamped, TurnTimes, seconds_after
-from data.scans.stamp_rule import LOOK_AHEAD, StampRule
+from data.scans.point_times import LOOK_AHEAD, Stamped, StampRule, TurnTimes, seconds_after
 from data.trajectory import Trajectory
 
 WORST_SHARE_SKIPPED = 0.2

@@ -12,9 +12,8 @@ from data.common.errors import UserError
 from data.common.files import natural_key
 from data.scans.evalio import EvalioScans, is_evalio
 from data.scans.formats import READERS, read_timed
-from data.scans.point_times import Stamped
+from data.scans.point_times import Stamped, check_interval, unusable
 from data.scans.scan import WORST_SHARE_SKIPPED, Scan, ScanSource, finished
-from data.scans.stamp_rule import check_interval, unusable
 from data.trajectory.stamps import NOTE_INDICES, SCAN_PERIOD_NS, check_increasing, read_times, stamps_from_names
 
 _INSIDE = (*READERS, ".bag", ".mcap", ".db3")  # what a folder may hold to be given instead of the one above it

@@ -2,8 +2,8 @@
 
 from data.simulation.changes import Change, Changes
 from data.simulation.drive import Robot
-from data.simulation.run import SimulatedRun
 from data.simulation.sensor import SpinningSensor
+from data.simulation.simulate import SimulatedRun
 
 __all__ = [
     "Change",

@@ -8,18 +8,16 @@ import ifcopenshell
 import ifcopenshell.util.placement
 import ifcopenshell.util.unit
 import numpy as np
-import shapely
 from ifcopenshell.util.element import get_aggregate
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
-from data.geometry.areas import Area
-from data.geometry.raycast import TriangleScene
+from data.geometry.areas import Area, triangles_of
+from data.geometry.raycast import TriangleScene, area_normals
 from data.ifc.products import IfcProduct, open_ifc, products
 from data.plans.mesh_plan import is_mesh, read_mesh
-from data.simulation.changes import AS_PLANNED, Change, Changes
+from data.simulation.changes import AS_PLANNED, Change, Changes, draw_changes, draw_tolerances, of_class
 from data.simulation.changes.as_built import as_built, recut
-from data.simulation.changes.draws import draw_changes, draw_tolerances, of_class
 
 Triangles = NDArray[np.float64]  # (M, 3, 3) metres in the BIM frame
 Xy = NDArray[np.float64]  # (2,)
@@ -133,17 +131,17 @@ def _storey_model(
     cut = recut(model, shapes.solid, shapes.openings, made)
     pierced = of_class(model, [p for p in cut if p.storey == entity.GlobalId], "IfcWall")
     solid = as_built(model, as_built(model, cut, made), shifts)
-    own = [_triangles(p) for p in solid if p.storey == entity.GlobalId]
+    own = [p.triangles for p in solid if p.storey == entity.GlobalId]
     rooms = [p for p in shapes.spaces if p.storey == entity.GlobalId]
     spaces = tuple(s for s in (_space(model.by_guid(p.global_id), p) for p in rooms) if len(s.bottom))
     if not solid or not (spaces or own):
         raise UserError(f"{what} has no geometry to drive in; choose another storey")
     leaves = as_built(model, as_built(model, shapes.doors, made), shifts)
-    doors = tuple(_triangles(p) for p in leaves if p.storey == entity.GlobalId)
+    doors = tuple(p.triangles for p in leaves if p.storey == entity.GlobalId)
     corners = np.concatenate([s.bottom for s in spaces] or own).reshape(-1, 3)[:, :2]
-    triangles = np.concatenate([_triangles(p) for p in solid])
+    triangles = np.concatenate([p.triangles for p in solid])
     panes = np.concatenate([np.full(len(p.faces), _is_pane(model.by_guid(p.global_id))) for p in solid])
-    stairs = [_triangles(p) for p in solid if p.ifc_class in STAIRS]
+    stairs = [p.triangles for p in solid if p.ifc_class in STAIRS]
     level = _floor_of_spaces(spaces) if spaces else _elevation(model, entity)
     floors, ceilings = (_missing_faces(triangles, spaces, stairs, sign) for sign in (-1.0, 1.0))
     if floors:
@@ -180,17 +178,9 @@ def _is_pane(entity: ifcopenshell.entity_instance) -> bool:
     return bool(of_curtain) or _is_any(entity, ("IfcWindow", "IfcCurtainWall"))
 
 
-def _triangles(product: IfcProduct) -> Triangles:
-    return product.vertices[product.faces]
-
-
-def _area_normals(triangles: Triangles) -> NDArray[np.float64]:
-    return np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2
-
-
 def _space(entity: ifcopenshell.entity_instance, product: IfcProduct) -> Space:
-    triangles = _triangles(product)
-    normals = _area_normals(triangles)
+    triangles = product.triangles
+    normals = area_normals(triangles)
     level = np.abs(normals[:, 2]) > 0.5 * np.linalg.norm(normals, axis=1)
     middle = (product.vertices[:, 2].min() + product.vertices[:, 2].max()) / 2
     low = triangles[:, :, 2].mean(axis=1) < middle
@@ -201,7 +191,7 @@ def _space(entity: ifcopenshell.entity_instance, product: IfcProduct) -> Space:
 def _floor_of_spaces(spaces: tuple[Space, ...]) -> float:
     """The median of the lower faces' z, weighted by area: some spaces lie deeper (shafts) or higher."""
     faces = np.concatenate([s.bottom for s in spaces])
-    z, area = faces[:, :, 2].mean(axis=1), np.abs(_area_normals(faces)[:, 2])
+    z, area = faces[:, :, 2].mean(axis=1), np.abs(area_normals(faces)[:, 2])
     order = np.argsort(z)
     total = np.cumsum(area[order])
     return float(z[order][np.searchsorted(total, total[-1] / 2)])
@@ -239,7 +229,7 @@ def _missing_faces(
 
 def _covered(scene: TriangleScene, faces: Triangles, sign: float) -> float:
     """The share of points on the faces that have a surface within FLOOR_SEARCH behind them."""
-    area = np.abs(_area_normals(faces)[:, 2])
+    area = np.abs(area_normals(faces)[:, 2])
     rng = np.random.default_rng(0)
     chosen = faces[rng.choice(len(faces), 200, p=area / area.sum())]
     weights = rng.dirichlet(np.ones(3), 200)
@@ -261,9 +251,8 @@ def _stair_crosses(faces: Triangles, stairs: list[Triangles]) -> bool:
 
 def _threshold(opening: IfcProduct, level: float) -> Triangles:
     """The lower faces of an opening that stands on the floor: the floor in a doorway."""
-    triangles = _triangles(opening)
-    near = np.abs(triangles[:, :, 2] - level).max(axis=1) < 0.05
-    return triangles[near]
+    triangles = opening.triangles
+    return triangles[np.abs(triangles[:, :, 2] - level).max(axis=1) < 0.05]
 
 
 def mesh_storey(path: Path | str, storey: str, changes: Changes, seed: int, tolerance: float) -> StoreyModel:
@@ -295,7 +284,7 @@ def mesh_storey(path: Path | str, storey: str, changes: Changes, seed: int, tole
 
 def _shifted(triangles: Triangles, tolerance: float, seed: int) -> Triangles:
     """Each upright plane moved along its normal, at random."""
-    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals = 2 * area_normals(triangles)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     upright = np.abs(normals[:, 2]) < UPRIGHT
     offsets = np.einsum("ij,ij->i", normals, triangles.mean(axis=1))
@@ -308,6 +297,5 @@ def _shifted(triangles: Triangles, tolerance: float, seed: int) -> Triangles:
 
 def _flat(area: Area, z: float) -> Triangles:
     """(M, 3, 3) the area as triangles at one height."""
-    parts = shapely.get_parts(shapely.constrained_delaunay_triangles(area))
-    plan = np.array([np.asarray(part.exterior.coords)[:3] for part in parts])
+    plan = triangles_of(area)
     return np.dstack([plan, np.full(plan.shape[:2], z)])

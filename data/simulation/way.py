@@ -1,4 +1,7 @@
-"""The way through a building that is driven, over one or several of its storeys."""
+"""The way through a building that is driven, over one or several storeys: by their floors, and over the stairs.
+
+On stairs it leads where a robot can stand on the building's triangles, from one storey to the next.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,17 +9,188 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import dijkstra
 
+from data.common.errors import UserError
 from data.geometry.raycast import TriangleScene
 from data.simulation.drive import Robot
 from data.simulation.effects.platforms import Platforms, platforms
-from data.simulation.occupancy import Grid, build_grid
-from data.simulation.route import Cell, Planner, plan_tour, tour
-from data.simulation.stairs import Storey, stair_way
-from data.simulation.storey_model import StoreyModel
+from data.simulation.route import Cell, Grid, Planner, build_grid, plan_tour, resampled, smoothed, tour
+from data.simulation.storey_model import StoreyModel, Triangles
 
+CELL = 0.1  # m
+AROUND = 1.5  # m about the stairs, where the way may begin and end
+HEADROOM = 1.7  # m
+RISE = 0.25  # m from cell to cell, at most
+RIM = 0.4  # m by which the ground may differ a robot's radius away: what is lower is an edge to fall from
+SAME = 0.05  # m from a storey's level
+HEIGHTS = (0.45, 0.9, 1.4)  # m above the ground, at which the robot needs room
+COMFORT, NEARNESS = 0.35, 8.0  # m more than needed to what stands aside; how much more a way costs there
+SMOOTH_XY, SMOOTH_Z = 0.15, 0.3  # m along the way
+LAYERS = 12  # of surfaces over each other that are looked for
+
+_DOWN, _UP = np.array([0.0, 0.0, -1.0]), np.array([0.0, 0.0, 1.0])
 Grids = dict[StoreyModel, Grid]
-Leg = NDArray[np.float64]  # (N, 2 or 3)
+Leg = NDArray[np.float64]  # (N, 3) x y z of the ground in the BIM frame; on a single storey (N, 2)
+
+
+@dataclass(frozen=True)
+class Storey:
+    """A storey's model and where the robot can drive on it."""
+
+    model: StoreyModel
+    planner: Planner
+
+
+@dataclass(frozen=True)
+class _Ground:
+    """Places (N, 3) where the robot can stand, their cells (N, 2), and the room (N,) it has there."""
+
+    places: Leg
+    cells: NDArray[np.int64]
+    room: NDArray[np.float64]
+
+
+def stair_way(start: Storey, end: Storey, scene: TriangleScene, radius: float) -> Leg:
+    """The easiest way from a storey to the next over the building's stairs, `SPACING` apart in plan.
+
+    It begins and ends where the robot can drive on either storey. Raises UserError where there is no stair between
+    them, or none that the robot can climb.
+    """
+    between = f"from storey '{start.model.name}' to '{end.model.name}'"
+    low, high = sorted((start.model.level, end.model.level))
+    stairs = [s for s in start.model.stairs if s[..., 2].min() < high - 0.5 and s[..., 2].max() > low + 0.5]
+    if not stairs or high - low < 0.5:
+        raise UserError(f"there is no stair {between}; choose storeys that a stair joins")
+    ground = _ground(_columns(stairs), scene, (low, high), radius)
+    first, last = _on(ground, start), _on(ground, end)
+    way = _easiest(ground, first, last, radius)
+    if way is None:
+        raise UserError(f"no stair {between} can be climbed by a robot of {radius} m radius; choose other storeys")
+    ends = [_cell_at(storey, ground.places[way[k]]) for k, storey in ((0, start), (-1, end))]
+    return _smooth(np.vstack([ends[0], ground.places[way], ends[1]]))
+
+
+def _cell_at(storey: Storey, place: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3,) on the storey's floor, the middle of its cell there."""
+    grid = storey.planner.grid
+    return np.array([*grid.to_xy(grid.to_cells(place[:2])), storey.model.level])
+
+
+def _columns(stairs: list[Triangles]) -> NDArray[np.int64]:
+    """(N, 2) the cells about the stairs."""
+    corners = np.concatenate([s.reshape(-1, 3)[:, :2] for s in stairs])
+    lowest = np.floor((corners.min(axis=0) - AROUND) / CELL).astype(np.int64)
+    highest = np.ceil((corners.max(axis=0) + AROUND) / CELL).astype(np.int64)
+    x, y = np.meshgrid(*(np.arange(a, b + 1) for a, b in zip(lowest, highest, strict=True)), indexing="ij")
+    return np.column_stack([x.ravel(), y.ravel()])
+
+
+def _ground(columns: NDArray[np.int64], scene: TriangleScene, levels: tuple[float, float], radius: float) -> _Ground:
+    """All surfaces in the columns on which the robot can stand."""
+    places, cells = [], []
+    z = np.full(len(columns), levels[1] + HEADROOM / 2)
+    for _ in range(LAYERS):
+        origins = np.column_stack([CELL * columns, z])
+        z = z - scene.distances(origins, np.tile(_DOWN, (len(z), 1)))
+        found = z > levels[0] - SAME
+        columns, z = columns[found], z[found]
+        if not len(z):
+            break
+        known = z < levels[1] + SAME
+        places.append(np.column_stack([CELL * columns, z])[known])
+        cells.append(columns[known])
+        z = z - 0.01
+    ground, at = np.concatenate(places), np.concatenate(cells)
+    free = scene.distances(ground + 0.02 * _UP, np.tile(_UP, (len(ground), 1))) > HEADROOM
+    ground, at = ground[free], at[free]
+    firm = _has_rim(ground, scene, radius)
+    ground, at = ground[firm], at[firm]
+    room = _room(ground, scene, radius + COMFORT)
+    stands = room > radius
+    return _Ground(ground[stands], at[stands], room[stands])
+
+
+def _has_rim(places: Leg, scene: TriangleScene, radius: float) -> NDArray[np.bool_]:
+    """Whether there is ground all around at about the same height."""
+    firm = np.ones(len(places), dtype=bool)
+    for direction in _around(8):
+        beside = places + radius * direction + RIM * _UP
+        firm &= scene.distances(beside, np.tile(_DOWN, (len(places), 1))) < 2 * RIM
+    return firm
+
+
+def _room(places: Leg, scene: TriangleScene, most: float) -> NDArray[np.float64]:
+    """Distance in metres to the nearest obstacle to the side, at any of the heights; at most `most`."""
+    room = np.full(len(places), most)
+    for height in HEIGHTS:
+        for direction in _around(16):
+            tiled = np.tile(direction, (len(places), 1))
+            room = np.minimum(room, scene.distances(places + height * _UP, tiled))
+    return room
+
+
+def _around(count: int) -> NDArray[np.float64]:
+    angle = np.arange(count) * 2 * np.pi / count
+    return np.column_stack([np.cos(angle), np.sin(angle), np.zeros(count)])
+
+
+def _on(ground: _Ground, storey: Storey) -> NDArray[np.int64]:
+    """Which places lie on the storey's floor, where the robot can drive."""
+    grid, free = storey.planner.grid, storey.planner.free
+    cells = grid.to_cells(ground.places[:, :2])
+    within = ((cells >= 0) & (cells < free.shape)).all(axis=1)
+    rows, columns = np.where(within[:, None], cells, 0).T
+    return np.flatnonzero(within & free[rows, columns] & (np.abs(ground.places[:, 2] - storey.model.level) < SAME))
+
+
+def _easiest(
+    ground: _Ground, first: NDArray[np.int64], last: NDArray[np.int64], radius: float
+) -> NDArray[np.int64] | None:
+    """The places of the cheapest path from any of the first to any of the last; None if there is none.
+
+    Within the storeys' floors their own planners are responsible: starting or ending there costs nothing.
+    """
+    if not len(first) or not len(last):
+        return None
+    i, j = _steps(ground)
+    near = np.clip(1 - (np.minimum(ground.room[i], ground.room[j]) - radius) / COMFORT, 0, 1)
+    cost = np.linalg.norm(ground.places[i] - ground.places[j], axis=1) * (1 + NEARNESS * near**2)
+    count = len(ground.places)
+    graph = coo_matrix((cost, (i, j)), shape=(count, count)).tocsr()
+    costs, before, _ = dijkstra(graph, indices=first, min_only=True, return_predecessors=True)
+    there = int(last[np.argmin(costs[last])])
+    if not np.isfinite(costs[there]):
+        return None
+    way = [there]
+    while before[way[-1]] >= 0:
+        way.append(int(before[way[-1]]))
+    return np.array(way[::-1])
+
+
+def _steps(ground: _Ground) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs of places, in both directions, that are a step apart."""
+    lowest = ground.cells.min(axis=0) - 1
+    width = int(ground.cells[:, 1].max() - lowest[1]) + 2
+    key = (ground.cells[:, 0] - lowest[0]) * width + ground.cells[:, 1] - lowest[1]
+    order = np.argsort(key, kind="stable")
+    first, second = [], []
+    for shift in (1, width - 1, width, width + 1):
+        low = np.searchsorted(key[order], key + shift, side="left")
+        high = np.searchsorted(key[order], key + shift, side="right")
+        for layer in range(int((high - low).max(initial=0))):
+            here = np.flatnonzero(low + layer < high)
+            there = order[low[here] + layer]
+            step = np.abs(ground.places[here, 2] - ground.places[there, 2]) < RISE
+            first += [here[step], there[step]]
+            second += [there[step], here[step]]
+    return np.concatenate(first), np.concatenate(second)
+
+
+def _smooth(way: Leg) -> Leg:
+    widths = (SMOOTH_XY, SMOOTH_XY, SMOOTH_Z)
+    return np.stack([smoothed(column, width) for column, width in zip(resampled(way).T, widths, strict=True)], axis=1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,8 +28,17 @@ from data.geometry import se2
 from data.geometry.se2 import Array, fit_to_lines
 from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface, Xy
 from data.synthetic_maps.exploration import Index, Storey, Walk, storeys_of, walk
-from data.synthetic_maps.room_noise import MapRooms, mis_segmented, rooms_as_entered, some_doors_missed, true_rooms
-from data.synthetic_maps.wall_noise import USUAL, NoiseLevels, ObservedWalls, observe_walls
+from data.synthetic_maps.wall_noise import (
+    USUAL,
+    MapRooms,
+    NoiseLevels,
+    ObservedWalls,
+    mis_segmented,
+    observe_walls,
+    rooms_as_entered,
+    some_doors_missed,
+    true_rooms,
+)
 
 NOISE_MODELS = ("paper", "real", "drift", "mis_segmented", "heavy_drift")
 DRIFT_YAW, DRIFT_XY = float(np.radians(1.5)), 0.15  # sigmas of each step from room to room: rad; m along each axis

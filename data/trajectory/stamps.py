@@ -57,17 +57,20 @@ def stamp_in_name(stem: str) -> int | None:
     return int(match[1]) if match else None
 
 
+def stamp_of(file: Path) -> int | None:
+    """The stamp in a scan's name, as `stamp_in_name`. Raises UserError where it cannot be one."""
+    try:
+        return stamp_in_name(file.stem)
+    except ValueError as error:
+        raise UserError(f"{file}: {error}; rename it, or give times.txt") from None
+
+
 def stamps_from_names(files: Sequence[Path]) -> list[int] | None:
     """The stamps (ns) in the files' names, or None where no name carries one.
 
     Raises UserError where only some names do.
     """
-    stamps: list[int | None] = []
-    for file in files:
-        try:
-            stamps.append(stamp_in_name(file.stem))
-        except ValueError as error:
-            raise UserError(f"{file}: {error}; rename it, or give times.txt") from None
+    stamps = [stamp_of(file) for file in files]
     known = [stamp for stamp in stamps if stamp is not None]
     if known and len(known) < len(stamps):
         with_stamp = next(f for f, stamp in zip(files, stamps, strict=True) if stamp is not None)

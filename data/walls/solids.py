@@ -44,9 +44,14 @@ class Solid:
         return closed(united(_shadow(triangles) for triangles, _ in self.pieces), SLIT)
 
     @cached_property
+    def corners(self) -> Array:
+        """(N, 3) of all triangles."""
+        return np.concatenate([t for t, _ in self.pieces]).reshape(-1, 3)
+
+    @cached_property
     def upright_faces(self) -> Array:
         """(M, 3, 3) the triangles that stand upright."""
-        triangles = np.concatenate([t for t, _ in self.pieces])
+        triangles = self.corners.reshape(-1, 3, 3)
         normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         lengths = np.linalg.norm(normals, axis=1)
         return triangles[(lengths > 1e-9) & (np.abs(normals[:, 2]) < VERTICAL * lengths)]
@@ -65,23 +70,7 @@ def solid_of(vertices: Array, faces: NDArray[np.int32], id: str, kind: str, stor
 
 
 def _section(triangles: Array, corners: NDArray[np.int32], z: float) -> Area:
-    """Each triangle that straddles the plane gives a segment; closed chains of them bound the area."""
-    above = triangles[:, :, 2] >= z
-    cut = above.any(axis=1) & ~above.all(axis=1)
-    triangles, corners, above = triangles[cut], corners[cut], above[cut]
-    if not len(triangles):
-        return shapely.Polygon()
-    points = []
-    for i, j in ((0, 1), (1, 2), (2, 0)):
-        # An edge is cut from its lower vertex number to its higher: both its triangles get the same point.
-        swap = corners[:, i] > corners[:, j]
-        a = np.where(swap[:, None], triangles[:, j], triangles[:, i])
-        b = np.where(swap[:, None], triangles[:, i], triangles[:, j])
-        rise = np.where(above[:, i] != above[:, j], b[:, 2] - a[:, 2], 1.0)
-        points.append(a[:, :2] + ((z - a[:, 2]) / rise)[:, None] * (b - a)[:, :2])
-    crossed = above != np.roll(above, -1, axis=1)  # edges 01, 12, 20
-    segments = np.stack(points, axis=1)[crossed].reshape(-1, 2, 2)
-    segments = segments[np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1) > 0]
+    segments = _cut(triangles, corners, z)
     return shapely.build_area(shapely.multilinestrings(shapely.linestrings(segments)))
 
 
@@ -128,8 +117,8 @@ class MeshSolid(Solid):
         Generalised winding numbers (Jacobson et al., "Robust inside-outside segmentation using generalized winding
         numbers", SIGGRAPH 2013) are right in spite of slits and overlapping bodies.
         """
-        triangles = self.pieces[0][0]
-        segments = _cut(triangles, z)
+        triangles, corners = self.pieces[0]
+        segments = _cut(triangles, corners, z)
         if not len(segments):
             return shapely.Polygon()
         lines = shapely.set_precision(shapely.multilinestrings(shapely.linestrings(segments)), SNAP)
@@ -158,15 +147,19 @@ def winding_numbers(triangles: Array, points: Array) -> Array:
     return np.concatenate(numbers)
 
 
-def _cut(triangles: Array, z: float) -> Array:
-    """(K, 2, 2) the segments in which triangles meet the plane."""
+def _cut(triangles: Array, corners: NDArray[np.int32], z: float) -> Array:
+    """(K, 2, 2) the segments in which triangles (M, 3, 3), with their vertex numbers (M, 3), meet the plane at `z`."""
     above = triangles[:, :, 2] >= z
-    crossed = above.any(axis=1) & ~above.all(axis=1)
-    corners, high = triangles[crossed], above[crossed]
-    following = np.roll(corners, -1, axis=1)
-    crosses = high != np.roll(high, -1, axis=1)  # two edges of each
-    rise = np.where(crosses, following[:, :, 2] - corners[:, :, 2], 1.0)
-    share = (z - corners[:, :, 2]) / rise
-    points = corners[:, :, :2] + share[:, :, None] * (following - corners)[:, :, :2]
-    segments = points[crosses].reshape(-1, 2, 2)
+    cut = above.any(axis=1) & ~above.all(axis=1)
+    triangles, corners, above = triangles[cut], corners[cut], above[cut]
+    points = []
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        # An edge is cut from its lower vertex number to its higher: both its triangles get the same point.
+        swap = corners[:, i] > corners[:, j]
+        a = np.where(swap[:, None], triangles[:, j], triangles[:, i])
+        b = np.where(swap[:, None], triangles[:, i], triangles[:, j])
+        rise = np.where(above[:, i] != above[:, j], b[:, 2] - a[:, 2], 1.0)
+        points.append(a[:, :2] + ((z - a[:, 2]) / rise)[:, None] * (b - a)[:, :2])
+    crossed = above != np.roll(above, -1, axis=1)  # edges 01, 12, 20
+    segments = np.stack(points, axis=1)[crossed].reshape(-1, 2, 2)
     return segments[np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1) > 0]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph
-from data.scene_graph.motion import MIRRORED
+from data.scene_graph.graph import MIRRORED
 from data.synthetic_maps.noise_models import DrawnGraph
 from evaluation.buildings import plan_graph, storey_of
 from evaluation.drive import DriveCase, drive_of

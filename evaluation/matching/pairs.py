@@ -16,7 +16,7 @@ from data.common.errors import UserError
 from data.generation.buildings import KINDS, generate_plan
 from data.geometry import se2
 from data.plans import Plan, read_plans, sources
-from data.scene_graph.motion import moved
+from data.scene_graph.graph import moved
 from data.synthetic_maps.noise_models import DrawnGraph, Motion, draw
 from evaluation.buildings import GENERATED, building_named
 from evaluation.drive import DriveCase

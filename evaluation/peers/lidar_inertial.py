@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
-from data.imu import ImuSamples
-from data.imu.samples import GRAVITY
+from data.imu import GRAVITY, ImuSamples
 from data.scans import Scan
 from data.trajectory import Trajectory
 

@@ -9,7 +9,7 @@ import shapely
 
 from data import Door, Floor, Room, SceneGraph, WallSurface
 from data.geometry.areas import overlap, polygons_of
-from data.plans.wall_lines import THICKEST
+from data.plans.flat_plan import THICKEST
 from data.synthetic_maps.exploration import SQUARE, Storey, components, storeys_of
 
 OVERLAP_M2, OVERLAP_SHARE = 0.5, 0.05  # of a room's area: more than duplicate walls cause

@@ -20,7 +20,7 @@ from data.generation.buildings import generate_plan
 from data.geometry import se2
 from data.plans.sources import Plan
 from data.scene_graph import SceneGraph, Xy
-from data.scene_graph.motion import moved
+from data.scene_graph.graph import moved
 from data.synthetic_maps.noise_models import draw
 from matching.published.network import PaperGraph, PaperNetwork, PaperSettings, paper_graph
 

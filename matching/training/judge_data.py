@@ -13,7 +13,7 @@ from data.common.errors import UserError
 from data.common.files import write_json
 from data.plans.sources import Split, split_of
 from data.scene_graph import SceneGraph
-from data.scene_graph.motion import mirrored
+from data.scene_graph.graph import mirrored
 from data.synthetic_maps.noise_models import NOISE_MODELS, DrawnGraph, draw
 from data.synthetic_maps.wall_noise import USUAL, NoiseLevels
 from matching.arrays import Index

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from data import SceneGraph
-from data.scene_graph.motion import mirrored
+from data.scene_graph.graph import mirrored
 from matching.result import AnyMatcher, MatchResult
 from sgslam.anchoring.free_space_conflict import conflict_share
 from sgslam.anchoring.place_posterior import Place, PlacePosterior, in_known_map, place_posterior

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from data import SceneGraph
 from data.geometry.areas import Area, polygons_of, united
-from data.scene_graph.motion import moved
+from data.scene_graph.graph import moved
 from data.scene_graph.segments import Segments
 
 Floats = NDArray[np.float64]

@@ -4,8 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from data.imu import ImuSamples
-from data.imu.samples import unit_of_forces
+from data.imu import ImuSamples, unit_of_forces
 from sgslam.config import ImuSettings
 
 Floats = NDArray[np.float64]

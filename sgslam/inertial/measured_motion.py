@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from data.imu import ImuSamples
-from data.imu.samples import GRAVITY, unit_of_forces
+from data.imu import GRAVITY, ImuSamples, unit_of_forces
 from sgslam.inertial.buffer import ImuBuffer
 from sgslam.inertial.preintegration import (
     NO_STEPS,

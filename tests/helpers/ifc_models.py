@@ -44,10 +44,10 @@ class IfcModel:
             self._sign()
         self.scale, length = UNITS[unit]
         self.T_world_building = np.eye(4) if T_world_building is None else T_world_building
-        project = self._entity("IfcProject", "project")
+        project = self.entity("IfcProject", "project")
         ifcopenshell.api.unit.assign_unit(self.file, length={"is_metric": unit != "feet", "raw": length})
         self.body = add_context(self.file, "Model", "Body", "MODEL_VIEW", parent=add_context(self.file, "Model"))
-        self.site, self.building = self._entity("IfcSite", "site"), self._entity("IfcBuilding", "building")
+        self.site, self.building = self.entity("IfcSite", "site"), self.entity("IfcBuilding", "building")
         for child, parent in ((self.site, project), (self.building, self.site)):
             ifcopenshell.api.aggregate.assign_object(self.file, products=[child], relating_object=parent)
         self._place(self.site, 0.0)
@@ -55,14 +55,14 @@ class IfcModel:
 
     def storey(self, name: str, z: float) -> Entity:
         """An empty storey."""
-        storey = self._entity("IfcBuildingStorey", name)
+        storey = self.entity("IfcBuildingStorey", name)
         ifcopenshell.api.aggregate.assign_object(self.file, products=[storey], relating_object=self.building)
         self._place(storey, z + self.drawn_at[2])
         return storey
 
     def prism(self, ifc_class: str, polygon: Polygon, z: tuple[float, float], storey: Entity, name: str = "") -> Entity:
         """A product with an upright prism for a body, in a storey."""
-        product = self._entity(ifc_class, name)
+        product = self.entity(ifc_class, name)
         if product.is_a("IfcSpatialStructureElement"):
             ifcopenshell.api.aggregate.assign_object(self.file, products=[product], relating_object=storey)
         else:
@@ -72,11 +72,11 @@ class IfcModel:
 
     def opening(self, wall: Entity, polygon: Polygon, z: tuple[float, float], filling: str | None = None) -> None:
         """Cuts a prism out of a wall, and puts a door or window with the same body into it."""
-        opening = self._entity("IfcOpeningElement", "")
+        opening = self.entity("IfcOpeningElement", "")
         ifcopenshell.api.feature.add_feature(self.file, feature=opening, element=wall)
         self._shape(opening, polygon, z)
         if filling:
-            filled = self._entity(filling, filling)
+            filled = self.entity(filling, filling)
             ifcopenshell.api.feature.add_filling(self.file, opening=opening, element=filled)
             self._shape(filled, polygon, z)
 
@@ -95,7 +95,7 @@ class IfcModel:
         settings.get_user = lambda file: user if file is self.file else None
         settings.get_application = lambda file: application if file is self.file else None
 
-    def _entity(self, ifc_class: str, name: str) -> Entity:
+    def entity(self, ifc_class: str, name: str) -> Entity:
         return ifcopenshell.api.root.create_entity(self.file, ifc_class=ifc_class, name=name)
 
     def _place(self, product: Entity, z: float, axis: NDArray[np.float64] | None = None) -> None:

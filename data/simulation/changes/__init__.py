@@ -1,11 +1,24 @@
-"""How a storey's walls, doors, windows and columns differ from the plan: elsewhere, not built, or not planned."""
+"""How walls, doors, windows and columns of a storey differ from the plan: moved, not built, not planned; at random."""
 
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
+import ifcopenshell
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
 from data.common.errors import UserError
+from data.ifc.products import IfcProduct
 
 MOST = 0.3  # m that a wall is moved, or something else displaced
+LEAST = 0.1  # m across, of a moved wall
+FILLINGS = ("IfcDoor", "IfcWindow")
+GAP = 0.05  # m between a displaced opening and the wall's end, another opening, or what stands at the wall
+AT_FACE = 0.01  # m from a wall's face, within which something stands at it
+NICHE = 0.02  # m of a wall's thickness that an opening may leave and still go through it
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -35,23 +48,23 @@ class Changes:
             raise UserError(f"walls moved by {self.moved_by:g} m: give more than 0, and at most {MOST:g}")
         if not 0 < self.displaced_by <= MOST:
             raise UserError(f"displaced by {self.displaced_by:g} m: give more than 0, and at most {MOST:g}")
-        shares = (self.moved, self.absent, self.unplanned)
-        if not _are_shares(shares):
-            message = f"moved ({self.moved:g}), absent ({self.absent:g}) and unplanned ({self.unplanned:g})"
-            raise UserError(f"shares of {message} walls: give 0 to 1 in all")
-        if not _are_shares((self.openings_displaced, self.openings_filled)):
-            message = f"displaced ({self.openings_displaced:g}) and filled ({self.openings_filled:g})"
-            raise UserError(f"shares of {message} openings: give 0 to 1 in all")
-        if not _are_shares((self.columns_displaced, self.columns_absent)):
-            message = f"displaced ({self.columns_displaced:g}) and absent ({self.columns_absent:g})"
-            raise UserError(f"shares of {message} columns: give 0 to 1 in all")
+        for what, shares in self._shares.items():
+            if not (min(shares.values()) >= 0 and sum(shares.values()) <= 1):  # nor NaN
+                named = [f"{name} ({share:g})" for name, share in shares.items()]
+                raise UserError(f"shares of {', '.join(named[:-1])} and {named[-1]} {what}: give 0 to 1 in all")
+
+    @property
+    def _shares(self) -> dict[str, dict[str, float]]:
+        return {
+            "walls": {"moved": self.moved, "absent": self.absent, "unplanned": self.unplanned},
+            "openings": {"displaced": self.openings_displaced, "filled": self.openings_filled},
+            "columns": {"displaced": self.columns_displaced, "absent": self.columns_absent},
+        }
 
     @property
     def any(self) -> bool:
         """Whether anything changes."""
-        walls = (self.moved, self.absent, self.unplanned)
-        openings = (self.openings_displaced, self.openings_filled)
-        return any((*walls, *openings, self.columns_displaced, self.columns_absent))
+        return any(share for shares in self._shares.values() for share in shares.values())
 
 
 @dataclass(frozen=True)
@@ -67,8 +80,160 @@ class Change:
     offset_in_bim: tuple[float, float] = (0.0, 0.0)
 
 
-def _are_shares(shares: tuple[float, ...]) -> bool:
-    return min(shares) >= 0 and sum(shares) <= 1
-
-
 AS_PLANNED = Changes()
+
+
+def draw_changes(
+    model: ifcopenshell.file, own: list[IfcProduct], openings: list[IfcProduct], changes: Changes, seed: int
+) -> tuple[Change, ...]:
+    """Chooses among a storey's `own` products at random, the same for the same seed.
+
+    A wall's shift is across its footprint. `openings` are the IfcOpeningElements, of the whole model if need be; see
+    `draw_openings`. A column's shift has any horizontal direction.
+    """
+    walls, columns = (of_class(model, own, ifc_class) for ifc_class in ("IfcWall", "IfcColumn"))
+    drawn = _draw_walls(walls, changes, seed)
+    changed = {change.id for change in drawn}
+    drawn += draw_openings(model, walls, columns, openings, changed, changes, seed)
+    drawn += _draw_columns(columns, changes, seed)
+    return tuple(sorted(drawn, key=lambda change: change.id))
+
+
+def draw_tolerances(walls: list[IfcProduct], tolerance: float, seed: int) -> tuple[Change, ...]:
+    """A Gaussian shift of each wall across its footprint, of this standard deviation in metres."""
+    rng = np.random.default_rng([seed, 102])
+    drawn = []
+    for wall in sorted(walls, key=lambda wall: wall.global_id):
+        x, y = (rng.normal(0.0, tolerance) * across(wall)).tolist()
+        drawn.append(Change(wall.global_id, "moved", (x, y)))
+    return tuple(drawn)
+
+
+def of_class(model: ifcopenshell.file, own: list[IfcProduct], ifc_class: str) -> list[IfcProduct]:
+    """Those of a class or its subclasses."""
+    return [product for product in own if model.by_guid(product.global_id).is_a(ifc_class)]
+
+
+def _draw_walls(walls: list[IfcProduct], changes: Changes, seed: int) -> list[Change]:
+    rng = np.random.default_rng([seed, 101])
+    walls = sorted(walls, key=lambda wall: wall.global_id)
+    moved, absent, unplanned = (round(s * len(walls)) for s in (changes.moved, changes.absent, changes.unplanned))
+    chosen = [walls[k] for k in rng.permutation(len(walls))]
+    drawn = []
+    for wall in chosen[:moved]:
+        by = rng.uniform(LEAST, MOST)
+        by = by if changes.moved_by is None else changes.moved_by
+        x, y = (by * rng.choice([-1.0, 1.0]) * across(wall)).tolist()
+        drawn.append(Change(wall.global_id, "moved", (x, y)))
+    drawn += [Change(wall.global_id, "absent") for wall in chosen[moved : moved + absent]]
+    drawn += [Change(wall.global_id, "unplanned") for wall in chosen[moved + absent : moved + absent + unplanned]]
+    return drawn
+
+
+def _draw_columns(columns: list[IfcProduct], changes: Changes, seed: int) -> list[Change]:
+    rng = np.random.default_rng([seed, 104])
+    columns = sorted(columns, key=lambda column: column.global_id)
+    displaced, absent = (round(s * len(columns)) for s in (changes.columns_displaced, changes.columns_absent))
+    chosen = [columns[k].global_id for k in rng.permutation(len(columns))]
+    drawn = []
+    for column in chosen[:displaced]:
+        angle = rng.uniform(-np.pi, np.pi)
+        x, y = (changes.displaced_by * np.array([np.cos(angle), np.sin(angle)])).tolist()
+        drawn.append(Change(column, "displaced", (x, y)))
+    return drawn + [Change(column, "absent") for column in chosen[displaced : displaced + absent]]
+
+
+@dataclass(frozen=True, eq=False)
+class _Opening:
+    """GlobalId of its door or window, the wall that it is in, and its own volume."""
+
+    filling: str
+    wall: IfcProduct
+    volume: IfcProduct
+
+
+def draw_openings(
+    model: ifcopenshell.file, walls: list[IfcProduct], columns: list[IfcProduct], volumes: list[IfcProduct],
+    changed: Collection[str], changes: Changes, seed: int,
+) -> list[Change]:  # fmt: skip
+    """Chooses doors and windows in openings of a storey's `walls`, the same for the same seed; none in the walls that
+    are `changed` (GlobalIds). `volumes` are the IfcOpeningElements.
+
+    A displaced opening stays within its wall, and clear of the wall's other openings, of other walls and of columns.
+    Fewer are displaced where too few can be.
+    """
+    rng = np.random.default_rng([seed, 103])
+    openings = sorted(_openings(model, walls, volumes), key=lambda opening: opening.filling)
+    displaced, filled = (round(s * len(openings)) for s in (changes.openings_displaced, changes.openings_filled))
+    openings = [opening for opening in openings if opening.wall.global_id not in changed]
+    of_walls = {key for wall in walls for key in _opening_ids(model, wall)}
+    holes = [volume for volume in volumes if volume.global_id in of_walls]
+    in_the_way = {product.global_id: _hull(product) for product in (*walls, *columns, *holes)}
+    senses = rng.choice([-1.0, 1.0], len(openings))
+    drawn, left = list[Change](), list[_Opening]()
+    for k in rng.permutation(len(openings)):
+        opening = openings[k]
+        offset = _offset(opening, senses[k] * changes.displaced_by, in_the_way) if len(drawn) < displaced else None
+        if offset is None:
+            left.append(opening)
+            continue
+        drawn.append(Change(opening.filling, "displaced", offset))
+        place = opening.volume.global_id
+        in_the_way[place] = shapely.affinity.translate(in_the_way[place], *offset)
+    return drawn + [Change(opening.filling, "filled") for opening in left[:filled]]
+
+
+def across(wall: IfcProduct) -> Array:
+    """(2,) the unit vector along the shorter side of the smallest rectangle around the footprint."""
+    around = shapely.oriented_envelope(shapely.multipoints(wall.vertices[:, :2]))
+    corners = np.asarray(around.exterior.coords)
+    sides = np.diff(corners[:3], axis=0)
+    lengths = np.linalg.norm(sides, axis=1)
+    return np.asarray(sides[np.argmin(lengths)] / lengths.min())
+
+
+def _opening_ids(model: ifcopenshell.file, wall: IfcProduct) -> Iterator[str]:
+    for voids in model.by_guid(wall.global_id).HasOpenings:
+        yield voids.RelatedOpeningElement.GlobalId
+
+
+def _openings(model: ifcopenshell.file, walls: list[IfcProduct], volumes: list[IfcProduct]) -> Iterator[_Opening]:
+    """Those that one door or window fills. Walls made of parts are left out: their openings cut the parts."""
+    volume_of = {volume.global_id: volume for volume in volumes}
+    for wall in walls:
+        entity = model.by_guid(wall.global_id)
+        if entity.Representation is None or entity.IsDecomposedBy:
+            continue
+        for key in _opening_ids(model, wall):
+            opening = model.by_guid(key)
+            fillings = [fills.RelatedBuildingElement for fills in opening.HasFillings]
+            can_move = opening.GlobalId in volume_of and opening.ObjectPlacement.is_a("IfcLocalPlacement")
+            if can_move and len(fillings) == 1 and any(fillings[0].is_a(c) for c in FILLINGS):
+                yield _Opening(fillings[0].GlobalId, wall, volume_of[opening.GlobalId])
+
+
+def _offset(opening: _Opening, by: float, in_the_way: dict[str, shapely.Geometry]) -> tuple[float, float] | None:
+    """The shift by so many metres along the wall, forward or else back, (x, y) in the BIM frame; None if neither way
+    is free, and for an opening that does not go straight through its wall.
+    """
+    v = across(opening.wall)
+    axes = np.array([[-v[1], v[0]], v])
+    hole, wall = (product.vertices[:, :2] @ axes.T for product in (opening.volume, opening.wall))
+    (first, front), (last, back) = wall.min(axis=0), wall.max(axis=0)
+    if hole[:, 1].min() > front + NICHE or hole[:, 1].max() < back - NICHE:
+        return None
+    itself = (opening.wall.global_id, opening.volume.global_id)
+    others = [shape for key, shape in in_the_way.items() if key not in itself]
+    for step in (by, -by):
+        edge = hole[:, 0].max() if step > 0 else hole[:, 0].min()
+        low, high = sorted((edge, edge + step + np.copysign(GAP, step)))
+        corners = np.asarray(shapely.box(low, front - AT_FACE, high, back + AT_FACE).exterior.coords)
+        stretch = shapely.Polygon(corners @ axes)
+        if first <= low and high <= last and not shapely.intersects(stretch, others).any():
+            x, y = (step * axes[0]).tolist()
+            return x, y
+    return None
+
+
+def _hull(product: IfcProduct) -> shapely.Geometry:
+    return shapely.convex_hull(shapely.multipoints(product.vertices[:, :2]))

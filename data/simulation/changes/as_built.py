@@ -16,8 +16,7 @@ from data.common.errors import UserError
 from data.common.files import write_atomically
 from data.geometry.raycast import BOX_FACES, TriangleScene
 from data.ifc.products import IfcProduct, open_ifc, triangulated
-from data.simulation.changes import Change
-from data.simulation.changes.draws import across
+from data.simulation.changes import Change, across
 
 Array = NDArray[np.float64]
 BEFORE = 0.1  # m in front of a wall, where a ray begins
@@ -162,5 +161,5 @@ def _is_open(wall: IfcProduct, low: Array, high: Array, axes: Array) -> bool:
     """Whether a ray goes through the wall in the middle of the box between two corners (3,), given in the axes."""
     start = (low + high) / 2
     start[1] = low[1] - BEFORE
-    met = TriangleScene(wall.vertices[wall.faces]).distances(start @ axes, axes[1:2])[0]
+    met = TriangleScene(wall.triangles).distances(start @ axes, axes[1:2])[0]
     return bool(met > BEFORE + high[1] - low[1])

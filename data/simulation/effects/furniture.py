@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from data.geometry.raycast import BOX_FACES
-from data.simulation.occupancy import CELL, Grid
+from data.simulation.route import CELL, Grid
 
 Array = NDArray[np.float64]
 SPOT = CELL / 2  # m between the points of a footprint

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.simulation.effects.platforms import Platforms
-from data.simulation.occupancy import Grid
+from data.simulation.route import Grid
 
 Array = NDArray[np.float64]
 HEIGHT, RADIUS = 1.7, 0.25  # m

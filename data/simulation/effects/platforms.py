@@ -8,6 +8,7 @@ import shapely
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from data.geometry.areas import triangles_of
 from data.geometry.raycast import TriangleScene
 from data.simulation.route import SPACING
 from data.simulation.storey_model import Space, StoreyModel
@@ -85,10 +86,8 @@ def _low_places(area: shapely.Geometry, level: float, scene: TriangleScene) -> s
 
 
 def _solid(area: shapely.Geometry, level: float) -> Array:
-    parts = []
-    for part in shapely.get_parts(shapely.constrained_delaunay_triangles(area)):
-        corners = np.asarray(part.exterior.coords)[:3]
-        parts.append(np.column_stack([corners, np.full(3, level + RISE)])[None])
+    tops = triangles_of(area)
+    parts = [np.dstack([tops, np.full(tops.shape[:2], level + RISE)])]
     for polygon in shapely.get_parts(area):
         for ring in (polygon.exterior, *polygon.interiors):
             points = np.asarray(ring.coords)

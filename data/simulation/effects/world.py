@@ -11,7 +11,7 @@ from data.simulation.carriers import Motion
 from data.simulation.effects.furniture import door_leaves, furniture
 from data.simulation.effects.people import RATE, People, people
 from data.simulation.effects.platforms import Platforms
-from data.simulation.occupancy import Grid
+from data.simulation.route import Grid
 from data.simulation.sensor import Scene, Sensor
 from data.simulation.storey_model import StoreyModel
 

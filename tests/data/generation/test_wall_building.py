@@ -9,7 +9,8 @@ import shapely
 
 from data.common.errors import UserError
 from data.generation.buildings import generate_plan
-from data.generation.straight_walls import (
+from data.generation.wall_building import (
+    CLEAR,
     LONGEST,
     PIER,
     SHAFT,
@@ -18,8 +19,8 @@ from data.generation.straight_walls import (
     outline_of,
     straight_walls,
     without_features,
+    write_wall_building,
 )
-from data.generation.wall_building import CLEAR, write_wall_building
 from data.geometry.areas import Area, difference, united
 from data.ifc.graph import read_ifc
 from data.plans.elements import PlannedElement, planned_elements

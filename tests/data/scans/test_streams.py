@@ -14,8 +14,7 @@ from bag_files import lidar_bag
 
 from data.bags import mcap_records
 from data.common.errors import UserError
-from data.streams import Arrival, GrowingFolder, McapPipe, ScanStream
-from data.streams.growing_folder import GrowingStamps
+from data.streams import Arrival, GrowingFolder, GrowingStamps, McapPipe, ScanStream
 
 SOON = 5.0  # s, within which a busy machine notices
 POINTS = np.random.default_rng(0).normal(size=(50, 3)).astype(np.float32)

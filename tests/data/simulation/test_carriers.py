@@ -15,9 +15,8 @@ from data.scans import ScanFolder
 from data.simulation import SpinningSensor
 from data.simulation.carriers import HANDHELD, Recorded, carrier_named, shaken
 from data.simulation.drive import Robot, plan_drive
-from data.simulation.imu import RATE as IMU_RATE
-from data.simulation.imu import imu_named
-from data.simulation.sensor import SENSORS, sensor_named
+from data.simulation.sensor import RATE as IMU_RATE
+from data.simulation.sensor import SENSORS, imu_named, sensor_named
 from data.simulation.simulate import simulate
 from data.trajectory import Trajectory
 

@@ -9,7 +9,7 @@ import pytest
 from anchored_maps import Anchored, ground
 
 from data import SceneGraph
-from data.scene_graph.motion import moved
+from data.scene_graph.graph import moved
 from matching import Matcher, MatchResult
 from sgslam.anchoring.floor_matching import FloorMatching
 from sgslam.anchoring.plan import Plan

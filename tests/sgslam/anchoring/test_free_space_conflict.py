@@ -7,7 +7,7 @@ import pytest
 from plans import a_graph, box, merged
 
 from data import SceneGraph, WallSurface
-from data.scene_graph.motion import moved
+from data.scene_graph.graph import moved
 from sgslam.anchoring.free_space_conflict import conflict_share
 
 OFFICE, HALL = a_graph([box(0, 0, 4, 3)], prefix="office"), a_graph([box(4.1, 0, 7, 3)], prefix="hall")

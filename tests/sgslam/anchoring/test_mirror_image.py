@@ -7,7 +7,7 @@ import pytest
 from plans import a_graph, box, flat, moved
 
 from data import SceneGraph
-from data.scene_graph.motion import mirrored
+from data.scene_graph.graph import mirrored
 from matching import Matcher
 from sgslam.anchoring.floor_matching import FloorMatching
 from sgslam.anchoring.plan import Plan

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from walks import SCAN_NS, from_file, furnished, step_errors, swept
 
 from data.imu import ImuSamples
-from data.simulation.imu import ImuModel, measured
+from data.simulation.sensor import ImuModel, measured
 from sgslam.config import ImuSettings, OdometrySettings, TrackingSettings
 from sgslam.geometry.frames import inverse
 from sgslam.inertial import NO_STEPS, ImuBuffer, MeasuredMotion, measured_up

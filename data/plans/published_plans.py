@@ -1,33 +1,139 @@
-"""Modified Swiss Dwellings as published: a table of polygons (CSV, WKT in metres), read apartment by apartment.
+"""Floor plans of published sets: as JSON with polygons in metres, and Modified Swiss Dwellings' table of polygons.
 
-MSD: van Engelenburg et al., "MSD: A Benchmark Dataset for Floor Plan Generation of Building Complexes", ECCV 2024.
-Both published tables (`MSD 5.664k (V1).csv`, `mds_V2_5.372k.csv`) and the table that they were made from (Swiss
-Dwellings' `geometries.csv`) have the columns that are read here; others are ignored.
+JSON: `rooms` with GeoJSON polygons, `elements` with walls, doors and windows likewise.
+
+{"name": ..., "unit": "m", "rooms": [{"name" or "type": ..., "polygon": {"type": "Polygon", "coordinates": ...}}],
+ "elements": {"wall": [{"polygon": ...}], "door": [...], "entrance_door": [...], "window": [...], ...}}
+
+MSD (van Engelenburg et al., "MSD: A Benchmark Dataset for Floor Plan Generation of Building Complexes", ECCV 2024) is
+CSV with WKT. Both published tables (`MSD 5.664k (V1).csv`, `mds_V2_5.372k.csv`) and the table that they were made from
+(Swiss Dwellings' `geometries.csv`) have the columns that are read here; others are ignored.
 """
 
 import csv
+import json
 import logging
 from array import array
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 import shapely
+import shapely.geometry
 
 from data.common.errors import UserError
 from data.geometry.areas import Area, polygons_of, united
-from data.plans.polygons import Drawing, DrawnRoom, Plan, scene_graph_of
-from data.plans.polygons_json import MIN_AREA, is_room
-from data.scene_graph import Floor
+from data.plans.flat_plan import HEIGHT, roomless_surfaces
+from data.plans.polygons import Drawing, DrawnRoom, Plan, scene_graph_of, with_pillars
+from data.scene_graph import Floor, WallSurface
+from data.walls.rooms import Level, width_of
 
+MIN_AREA = 1.0  # m2: below it, a shaft
+DOOR_WIDTH = (0.5, 2.5)  # m: a plan whose doors are mostly wider or narrower is not in metres
+OUTSIDE = ("balcony", "loggia", "veranda", "terrace", "patio", "garden", "outdoor", "parking")
+NO_ROOM = ("shaft", "void", "ps", "pipe space", "structure", "lightwell", "elevator_shaft")
+DOORS = ("door", "entrance_door", "sliding_door")
+WALLS = ("wall", "railing", "column", "window")
+DUPLICATE = 0.1  # m2: rooms of duplicates differ less
+DUPLICATE_ROOMS = 4  # fewer rooms agree by chance
 GEOMETRY = ("geom", "geometry")
 BUILDING = ("site_id", "building_id", "plan_id", "floor_id")  # a site's buildings are often alike: they stay together
 NO_AREA = ("structure", "door", "entrance door", "window", "wall", "railing", "column")
 _log = logging.getLogger(__name__)
 LARGEST_FIELD = 10_000_000  # characters
+
+
+def is_room(kind: str, outside: bool = False) -> bool:
+    """Whether a robot may enter a room of this kind: never shafts and voids, balconies only with `outside`."""
+    word = kind.strip().lower().replace(" ", "_")
+    if word in NO_ROOM or word.replace("_", " ") in NO_ROOM:
+        return False
+    return outside or not any(o in word for o in OUTSIDE)
+
+
+def read_json_plan(text: str | bytes, where: str, merge_collinear: bool = True) -> Plan:
+    """One plan; raises UserError, naming `where`, where the form is not kept or nothing is left to match.
+
+    Balconies, shafts and rooms below `MIN_AREA` are left out; with `merge_collinear=False` (see `scene_graph_of`)
+    shafts and voids alone, as in the published matcher's data.
+    """
+    try:
+        value = json.loads(text)
+        drawing = _drawing(value, everything=not merge_collinear)
+        name = str(value.get("name") or where)
+        graph = scene_graph_of(drawing, merge_collinear)
+        if merge_collinear and graph.wall_surfaces:
+            graph = replace(graph, wall_surfaces=(*graph.wall_surfaces, *_roomless(drawing)))
+    except UserError as error:
+        raise UserError(f"{where}: {error}") from None
+    except Exception as error:  # shapely raises many kinds where coordinates are none
+        message = (str(error).splitlines() or [""])[0][:100]
+        raise UserError(f"{where}: not a floor plan in JSON ({type(error).__name__}: {message})") from None
+    if not graph.wall_surfaces:
+        raise UserError(f"{where}: no room with walls; skip it, or draw its rooms as polygons")
+    return Plan(name, str(value.get("building") or name), graph)
+
+
+def _roomless(drawing: Drawing) -> list[WallSurface]:
+    others = [*(r.area for r in drawing.rooms), *(area for _, area, _ in drawing.doors)]
+    outside = roomless_surfaces(drawing.walls, others, Level(None, 0.0, HEIGHT))
+    return [replace(s, id=f"surface{k}", source="", height=None) for k, s in enumerate(outside)]
+
+
+def _drawing(value: Any, everything: bool) -> Drawing:
+    if value.get("unit", "m") != "m":
+        raise UserError(f"the unit is '{value['unit']}'; give the plan in metres ('m')")
+    elements = value.get("elements") or {}
+    doors = [_area(e) for kind in DOORS for e in elements.get(kind, ())]
+    _check_metres(doors)
+    rooms = []
+    for k, item in enumerate(value["rooms"]):
+        kind = str(item.get("type") or item.get("name") or "")
+        parts = shapely.get_parts(_area(item))
+        for n, part in enumerate(parts):
+            if is_room(kind, outside=everything) and (everything or part.area >= MIN_AREA):
+                rooms.append(DrawnRoom(f"room{k}" + (f".{n}" if len(parts) > 1 else ""), part, kind))
+    walls = united(_area(e) for kind in WALLS for e in elements.get(kind, ()))
+    rooms = rooms if everything else with_pillars(rooms, walls)
+    return Drawing(rooms, [(f"door{k}", door, None) for k, door in enumerate(doors)], walls)
+
+
+def _area(item: dict[str, Any]) -> Area:
+    shape = polygons_of(shapely.geometry.shape(item["polygon"]))
+    if shape.is_empty or not np.isfinite(shape.bounds).all():
+        raise ValueError("a polygon is empty or holds numbers that are not finite")
+    return shape
+
+
+def _check_metres(doors: list[Area]) -> None:
+    """Checks the unit by the doors, whose size is known."""
+    if not doors:
+        return
+    width = float(np.median([width_of(door) for door in doors]))
+    if not DOOR_WIDTH[0] <= width <= DOOR_WIDTH[1]:
+        raise UserError(f"its doors are {width:.2g} m wide: the plan is not in metres; scale it")
+
+
+class Buildings:
+    """Recognises plans of one building: duplicates, whose rooms have equal areas, get the first one's building."""
+
+    def __init__(self) -> None:
+        self._seen: dict[int, list[tuple[np.ndarray, str]]] = {}
+
+    def of(self, plan: Plan) -> str:
+        """The building of the first plan with the same room areas, otherwise the plan's own."""
+        areas = np.sort([shapely.Polygon(r.polygon).area for r in plan.graph.rooms if r.polygon is not None])
+        if len(areas) < DUPLICATE_ROOMS:
+            return plan.building
+        same_count = self._seen.setdefault(len(areas), [])
+        for other, building in same_count:
+            if np.abs(other - areas).max() < DUPLICATE:
+                return building
+        same_count.append((areas, plan.building))
+        return plan.building
 
 
 @dataclass
@@ -62,7 +168,7 @@ def read_msd(path: Path, merge_collinear: bool = True) -> Iterator[Plan]:
             if floors != fixed_of:  # neighbours in the table share their floor
                 fixed = [_row(file, s, index.header) for f in floors for s in index.fixed.get(f, ())]
                 fixed_of = floors
-            drawing = _drawing(rows, fixed, everything, index.skipped)
+            drawing = _apartment(rows, fixed, everything, index.skipped)
             graph = scene_graph_of(drawing, merge_collinear)
             if not graph.wall_surfaces:
                 without_rooms += 1
@@ -78,19 +184,19 @@ def read_msd(path: Path, merge_collinear: bool = True) -> Iterator[Plan]:
 def _index(file: BinaryIO, path: Path) -> Index:
     """One pass over the table."""
     csv.field_size_limit(LARGEST_FIELD)
-    starts = _Starts(file)
-    reader = csv.reader(starts)
+    reader = csv.reader(line.decode() for line in iter(file.readline, b""))  # reads no line ahead
     try:
         header = next(reader, [])
+        header[:1] = [name.removeprefix("\ufeff") for name in header[:1]]
         column = {name: k for k, name in enumerate(header)}
         lacking = [c for c in ("floor_id", "apartment_id", "roomtype") if c not in column]
         if lacking or not any(c in column for c in GEOMETRY):
             raise UserError(f"{path}: not Modified Swiss Dwellings: no column {', '.join(lacking) or GEOMETRY[0]}")
         index = Index(header)
         key = column["apartment_id"]
-        start = starts.next_row()
+        start = file.tell()
         for row in reader:
-            here, start = start, starts.next_row()
+            here, start = start, file.tell()
             if len(row) != len(header):
                 index.skipped["not as many columns as the header has"] += bool(row)
             elif row[column["roomtype"]].strip().lower() in NO_AREA:
@@ -100,26 +206,6 @@ def _index(file: BinaryIO, path: Path) -> Index:
     except (csv.Error, UnicodeDecodeError) as error:
         raise UserError(f"{path}: not a CSV table in UTF-8 ({error})") from None
     return index
-
-
-class _Starts:
-    """A binary file's lines as text; records where the next line begins."""
-
-    def __init__(self, file: BinaryIO) -> None:
-        self._file, self._position = file, 0
-
-    def __iter__(self) -> "_Starts":
-        return self
-
-    def __next__(self) -> str:
-        line = self._file.readline()
-        if not line:
-            raise StopIteration
-        self._position += len(line)
-        return line.decode("utf-8-sig" if self._position == len(line) else "utf-8")
-
-    def next_row(self) -> int:
-        return self._position
 
 
 def _row(file: BinaryIO, start: int, header: list[str]) -> dict[str, str]:
@@ -133,7 +219,7 @@ def _id(value: str) -> str:
     return value[:-2] if value.endswith(".0") else value
 
 
-def _drawing(
+def _apartment(
     rows: list[dict[str, str]], fixed: list[dict[str, str]], everything: bool, skipped: Counter[str]
 ) -> Drawing:
     rooms: list[DrawnRoom] = []
