@@ -19,12 +19,16 @@ from data.trajectory import Trajectory
 from evaluation.buildings import plan_graph, storey_of
 from evaluation.conditions import Troubled
 from evaluation.drive import Drive, DriveCase, drive_of, release
-from evaluation.known_maps import BUILDINGS, DRIVES, MOST_BENT_M, TROUBLES
+from evaluation.known_maps import BUILDINGS, DRIVES, MOST_BENT_M
 from evaluation.matching.own_maps import Recorder
-from matching.training.judge_data import MapInPlan
+from matching.training.slam_maps import MapInPlan
 from sgslam.slam import SceneGraphSlam
 
 MOMENTS = 20  # of a drive, at most
+TROUBLES = (
+    "", "sliding doors", "dropout 3", "people 3", "occlusion 2", "sparsity 3", "vibration 2", "sliding doors", 
+    "noise 2", "shaken", "gaps 2", "", "field of view 2",
+)  # fmt: skip
 Array = NDArray[np.float64]
 
 
@@ -35,11 +39,13 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--work", type=Path, default=Path("work"), metavar="DIR", help="of drives")
     parser.add_argument("--buildings", nargs="+", default=BUILDINGS, metavar="NAME", help="default: training buildings")
     parser.add_argument("--seconds", type=float, default=50.0, help="of each drive (default: %(default)s)")
+    parser.add_argument("--drives", type=int, default=2, help="in each building (default: %(default)s)")
     options = parser.parse_args(arguments)
     options.out.mkdir(parents=True, exist_ok=True)
-    troubles = cycle(TROUBLES)
+    troubles, drives = cycle(TROUBLES), cycle(enumerate(DRIVES))
     for building in options.buildings:
-        for seed, (carrier, sensor) in enumerate(DRIVES):
+        for _ in range(options.drives):
+            seed, (carrier, sensor) = next(drives)
             case = DriveCase(
                 building=building, seed=seed, carrier=carrier, sensor=sensor, seconds=options.seconds,
                 trouble=next(troubles),

@@ -2,6 +2,7 @@
 
 import shlex
 import sys
+import zlib
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,8 +20,9 @@ if TYPE_CHECKING:
     from matching.training.judge_data import Examples
 
 PART = 500  # drawn maps of a file
+NETWORKS = 3  # each is trained without a share of the buildings, which calibrate it
 HELD_OUT = 0.15  # drawn maps of the validation split for each one to train with
-REPEATED = 2  # times that a map by SLAM counts
+REPEATED = 3  # times that a map by SLAM counts: about as much as those that are drawn
 EVERY = 500  # steps between checkpoints
 
 
@@ -35,7 +37,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the run")
     parser.add_argument("--maps", type=Path, metavar="DIR", help="maps by SLAM that python -m evaluation.maps wrote")
     parser.add_argument("--drawn", type=int, default=24_000, metavar="N", help="maps to draw (default: %(default)s)")
-    parser.add_argument("--steps", type=int, default=8_000, metavar="N", help="steps (default: %(default)s)")
+    parser.add_argument("--steps", type=int, default=4_000, metavar="N", help="of each network (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="of weights and data (default: %(default)s)")
     parser.add_argument(
         "--workers", type=int, default=2, metavar="N", help="processes that draw (default: %(default)s)"
@@ -54,25 +56,33 @@ def main(arguments: list[str] | None = None) -> int:
     out: Path = options.out
     out.mkdir(parents=True, exist_ok=True)
     parts = [drawn(split, options.drawn, options.seed, out, options.workers) for split in ("train", "validation")]
-    known = [] if options.maps is None else by_split(options.maps, options.seed, out)
-    training = JudgeTraining.begin(options.seed)
-    if (out / "checkpoint.pt").exists():
-        training.load(out / "checkpoint.pt")
-        print(f"resuming after step {training.step}")
-    examples = Examples.joined([parts[0], *(known[:1] * REPEATED)])
-    for loss in training.train(examples, options.steps, EVERY):
-        training.save(out / "checkpoint.pt")
-        print(f"step {training.step}  loss {loss:.4f}", flush=True)
-    judge = calibrated(training.network, Examples.joined([parts[1], *known[1:2]]))
+    known = {} if options.maps is None else by_building(options.maps, options.seed, out)
+    folds = [Examples.joined([e for b, e in known.items() if fold_of(b) == k]) for k in range(NETWORKS)]
+    networks = []
+    for k in range(NETWORKS):
+        training, checkpoint = JudgeTraining.begin(NETWORKS * options.seed + k), out / f"checkpoint_{k}.pt"
+        if checkpoint.exists():
+            training.load(checkpoint)
+            print(f"network {k + 1}: resuming after step {training.step}")
+        others = [e for n, e in enumerate(folds) if n != k]
+        examples = Examples.joined([parts[0], *(others * REPEATED)])
+        for loss in training.train(examples, options.steps, EVERY):
+            training.save(checkpoint)
+            print(f"network {k + 1}  step {training.step}  loss {loss:.4f}", flush=True)
+        networks.append(training.network)
+    # drawn maps of the validation split, a share for each network as well
+    drawn_folds = [parts[1][np.arange(k, len(parts[1]), NETWORKS)] for k in range(NETWORKS)]
+    unseen = [Examples.joined(both) for both in zip(drawn_folds, folds, strict=True)]
+    judge = calibrated(networks, unseen)
     save_judge(out / "judge.safetensors", judge)
-    of = {"drawn": parts[1], **({"by SLAM": known[1]} if known else {})}
+    of = {"drawn": parts[1], "by SLAM, seen by two of three networks": Examples.joined(folds)}
     card = {
         "what": "judges rival placements of a map in a plan",
         "command": f"{parser.prog} {shlex.join(given)}",
         "parameters": sum(value.size for value in judge.weights.values()),
-        "maps": {"drawn": len(parts[0]), "by SLAM": len(known[0]) if known else 0},
+        "maps": {"drawn": len(parts[0]), "by SLAM": sum(map(len, folds)), "buildings": len(known)},
         "temperature": judge.temperature,
-        "validation": {name: measures(training.network, judge, own) for name, own in of.items() if len(own)},
+        "validation": {name: measures(judge, own) for name, own in of.items() if len(own)},
         "sgslam": build(),
     }
     write_json(out / "judge.json", card)
@@ -101,17 +111,23 @@ def _draw_part(split: Split, seed: int, count: int, out: Path, number: int) -> N
     Examples.of(drawn_examples(split, seed, number, count)).save(out / f"{split}_{seed}_{number}.npz")
 
 
-def by_split(folder: Path, seed: int, out: Path) -> list["Examples"]:
-    """The examples of maps in a folder, of the buildings of the splits for training and validation."""
+def by_building(folder: Path, seed: int, out: Path) -> dict[str, "Examples"]:
+    """The examples of the maps of each building in a folder, but those of the test split."""
     from matching.training.judge_data import Examples, examples_of_maps
 
-    splits = ("train", "validation")
-    files = [out / f"slam_{split}_{seed}.npz" for split in splits]
-    if not all(file.exists() for file in files):
-        made = list(examples_of_maps(folder, np.random.default_rng(seed)))
-        for split, file in zip(splits, files, strict=True):
-            Examples.of([e for building, own in made for e in own if split_of(building) == split]).save(file)
-    return [Examples.load(file) for file in files]
+    file = out / f"slam_{seed}.npz"
+    if not file.exists():
+        Examples.of([e for _, e in examples_of_maps(folder, np.random.default_rng(seed))]).save(file)
+    every = Examples.load(file)
+    building = np.array([about.split()[1] for about in every.about])
+    return {
+        str(name): every[np.flatnonzero(building == name)] for name in np.unique(building) if split_of(name) != "test"
+    }
+
+
+def fold_of(building: str) -> int:
+    """Which of the networks does not see a building; the same on every machine."""
+    return zlib.crc32(building.encode()) % NETWORKS
 
 
 if __name__ == "__main__":

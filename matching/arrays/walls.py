@@ -12,6 +12,7 @@ from data.geometry import se2
 from data.geometry.se2 import Array
 from data.scene_graph import Room, SceneGraph, WallSurface
 from data.scene_graph.segments import Segments
+from matching.arrays.free_space import FreeSpace
 
 T = TypeVar("T")
 Index = NDArray[np.int64]
@@ -51,6 +52,11 @@ class Walls(Segments):
         n_x, n_y = self.normal.T
         x, y = self.centre.T
         return np.stack((self.half, self.heading, n_x, n_y, n_x * x + n_y * y, n_x * y - n_y * x), axis=-1)
+
+    @cached_property
+    def free_space(self) -> FreeSpace:
+        """That of the rooms with an outline."""
+        return FreeSpace.of(self)
 
     @property
     def area(self) -> float:
@@ -158,7 +164,7 @@ class PlanCache(Generic[T]):
         return known[1]
 
 
-def _points_along(centre: Array, tangent: Array, half: Array, count: Index) -> tuple[Array, Index]:
+def points_along(centre: Array, tangent: Array, half: Array, count: Index) -> tuple[Array, Index]:
     """(P, 2) `count` (N,) points along each wall, at least two, from end to end; and (P,) the walls they belong to."""
     wall = np.repeat(np.arange(len(half)), count)
     step = np.arange(len(wall)) - np.repeat(np.cumsum(count) - count, count)
@@ -177,7 +183,7 @@ def _buildings(centre: Array, tangent: Array, half: Array) -> Index:
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    points, wall = _points_along(centre, tangent, half, np.ceil(2 * half / BUILDING_GAP).astype(np.int64) + 1)
+    points, wall = points_along(centre, tangent, half, np.ceil(2 * half / BUILDING_GAP).astype(np.int64) + 1)
     i, j = cKDTree(points).query_pairs(BUILDING_GAP, output_type="ndarray").T
     near = coo_matrix((np.ones(len(i)), (wall[i], wall[j])), shape=(len(half), len(half)))
     return np.asarray(connected_components(near, directed=False)[1], dtype=np.int64)

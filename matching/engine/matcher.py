@@ -16,7 +16,7 @@ from matching.engine.field_loops import SIGMA_SCORE
 from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
 from matching.engine.room_signs import room_signs
-from matching.engine.verdict import SURE, Signs, shipped, verify
+from matching.engine.verdict import SURE, Signs, ranked, shipped, verify
 from matching.result import Hypothesis, MatchResult, Start, near_start
 
 LISTED = 10  # hypotheses in the result, at most
@@ -49,17 +49,21 @@ class GeometricMatcher:
 
 
 def answer(found: Hypotheses, began: float, near_start: bool = False, judging: PlaceJudge | None = None) -> MatchResult:
-    """Returns the result of hypotheses, best first; at least one. `near_start`: see `verify`."""
-    s, judged = found.scene.s, None
+    """Returns the result of hypotheses, best first; at least one. `near_start`: they were looked for only near a
+    start that was given. Hypotheses come the likeliest first."""
+    s, of = found.scene.s, shipped()
+    found, signs = ranked(found, near_start)
+    likely = of.probabilities(signs) if judging is None else judging(found, signs)
     if judging is not None:
-        judged = judging(found, Signs.of(found, near_start))
-        order = np.argsort(-judged, kind="stable")
-        found, judged = found[order], judged[order]
-    pairs, of = assign(found, 0), shipped()
+        order = np.argsort(-likely, kind="stable")
+        found, signs, likely = found[order], signs[order], likely[order]
+    temperature = of.temperature(signs, is_mirrored=True)
+    score = found.score - temperature * of.free_space[0] * signs.surprise
+    pairs = assign(found, 0)
     # A room of a map that deforms may lie on its neighbour of the plan: only what is sure is named.
     named = zip(pairs.rooms, of.of_rooms(room_signs(found, pairs.rooms)), strict=True)
     pairs = Pairs(tuple((r, q, known) for (r, q, _), known in named if known >= SURE), pairs.surfaces)
-    verdict = verify(found, pairs, near_start, judged)
+    verdict = verify(found, pairs, likely, temperature)
     hypotheses, listed = [], found[np.arange(min(len(found), LISTED))]
     now = judge(found.scene, listed.table, listed.fields.state, SIGMA_SCORE)
     for k, home in enumerate(homes(found.scene, listed.table, now.quality).tolist()):
@@ -67,7 +71,7 @@ def answer(found: Hypotheses, began: float, near_start: bool = False, judging: P
         matches = [(r, q) for r, q in enumerate(home) if q >= 0] if k else [(r, q) for r, q, _ in pairs.rooms]
         rooms = tuple((s.rooms[r].id, storey.rooms[q].id) for r, q in matches)
         chance = verdict.probabilities[k]
-        hypotheses.append(Hypothesis(float(found.score[k]), _triple(found, k), storey.floor, rooms, chance))
+        hypotheses.append(Hypothesis(float(score[k]), _triple(found, k), storey.floor, rooms, chance))
     a = found.scene.plan.storeys[int(found.fields.storey[0])]
     sure = verdict.probabilities[0]
     return MatchResult(

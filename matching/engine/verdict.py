@@ -8,16 +8,18 @@ The constants of all probabilities are fitted by `python -m matching.training.ca
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from data.geometry.se2 import Array
+from matching.arrays import Index
 from matching.engine.assignment import Pairs
 from matching.engine.field import judge
 from matching.engine.field_loops import SIGMA_SCORE
+from matching.engine.free_space import conflicts
 from matching.engine.hypotheses import Hypotheses
 from matching.result import START_M, Status
 
@@ -26,40 +28,48 @@ SURE = 0.98  # probability of the best place of an answer that is unique
 PLACES_PER_M2 = 40.0  # that a vote can separate: four directions of the grid, a third of a metre
 SHIPPED = Path(__file__).parents[1] / "weights" / "calibration.json"
 MOST_LOG_ODDS = 50.0
+USUAL_CONFLICT_M = 0.5
 
 
 @dataclass(frozen=True)
 class Calibration:
     """Models of probabilities; evidence is in nats.
 
-    `place` are the coefficients of the log odds that the map is in the plan: of the best hypothesis' evidence for each
-    wall of the map, of the logarithms of the number of these walls and of the number of places in the plan, and a
-    constant (J. Platt: Probabilistic outputs for support vector machines, 1999).
+    `place` are the coefficients of the log odds that the map is in the plan, of `Signs.features`, and a constant (J.
+    Platt: Probabilistic outputs for support vector machines, 1999).
     `separation` (a, b, c): hypotheses are as likely as a softmax of their evidence over a + b times the number of
     unexplained walls + c times the evidence of the best says: at another place as much may differ from the plan.
+    `free_space`: what a unit of `Signs.surprise` takes from the logarithm of the probability of a hypothesis among all,
+    and from the log odds that the map is in the plan. Free space is seen by rays, walls by points: it is not divided.
     `room` are the coefficients of the log odds of a room pair at the right place: of its `room_signs`, and a constant.
     `surface` (offset, slope): those of a surface pair in the log odds of its share among what stood to choose.
     """
 
     place: tuple[float, float, float, float]
     separation: tuple[float, float, float]
+    free_space: tuple[float, float]
     room: tuple[float, float, float, float]
     surface: tuple[float, float]
 
+    def probabilities(self, signs: "Signs") -> Array:
+        """(K,) the probability of each hypothesis; what lacks to 1 is that of none."""
+        among = self.among(signs)
+        return self.in_plan(signs[np.array([among.argmax()])]) * among
+
     def in_plan(self, signs: "Signs") -> float:
-        """The probability that the map is in the plan."""
+        """The probability that the map is in the plan, by the first hypothesis."""
         of = np.array([*signs.features, 1.0])
-        return probability(float(of @ np.array(self.place)))
+        return probability(float(of @ np.array(self.place) - self.free_space[1] * signs.surprise[0]))
 
     def temperature(self, signs: "Signs", is_mirrored: bool = False) -> float:
         """The nats of evidence that make one hypothesis e times as likely as another, or as one of the mirror image,
         which explains the same walls."""
         a, b, c = self.separation
-        return a + b * signs.unexplained + (0.0 if is_mirrored else c * max(signs.evidence[0], 0.0))
+        return a + b * signs.unexplained + (0.0 if is_mirrored else c * max(signs.evidence.max(), 0.0))
 
     def among(self, signs: "Signs") -> Array:
         """(K,) the probability of each hypothesis, if one of them is right."""
-        nats = np.array(signs.evidence) / self.temperature(signs)
+        nats = signs.evidence / self.temperature(signs) - self.free_space[0] * signs.surprise
         likely = np.exp(np.maximum(nats - nats.max(), -MOST_LOG_ODDS))
         return np.asarray(likely / likely.sum())
 
@@ -82,7 +92,9 @@ def probability(log_odds: float) -> float:
 def shipped() -> Calibration:
     """The calibration that comes with the package."""
     stored = json.loads(SHIPPED.read_text(encoding="utf-8"))
-    return Calibration(**{name: tuple(stored[name]) for name in ("place", "separation", "room", "surface")})
+    return Calibration(
+        **{name: tuple(stored[name]) for name in ("place", "separation", "free_space", "room", "surface")}
+    )
 
 
 @dataclass(frozen=True)
@@ -98,49 +110,63 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Signs:
-    """What the verdict is based on: evidence (K,) in nats of the hypotheses, best first; how many of the map's walls
-    the first does not explain; the logarithms of the numbers of the map's walls and of places in the plan."""
+    """What the verdict is based on: evidence (K,) in nats; how many of the map's walls the hypothesis of most evidence
+    does not explain; the logarithms of the numbers of the map's walls and of places in the plan; metres (K,) of planned
+    walls in the map's free space."""
 
-    evidence: tuple[float, ...]
+    evidence: Array
     unexplained: float
     walls: float
     places: float
+    conflict: Array
+
+    def __getitem__(self, chosen: Index) -> "Signs":
+        """Those of some hypotheses."""
+        return replace(self, evidence=self.evidence[chosen], conflict=self.conflict[chosen])
+
+    @property
+    def surprise(self) -> Array:
+        """(K,) grows with the conflict; pieces of wall stand in the outlines of many rooms."""
+        return np.log1p(self.conflict / USUAL_CONFLICT_M)
 
     @property
     def features(self) -> tuple[float, float, float]:
-        """Those of `Calibration.place`."""
-        return max(self.evidence[0], 0.0) / math.exp(self.walls), self.walls, self.places
+        """Those of `Calibration.place`, for the first hypothesis."""
+        return max(float(self.evidence[0]), 0.0) / math.exp(self.walls), self.walls, self.places
 
     @staticmethod
     def of(found: Hypotheses, near_start: bool = False) -> "Signs":
         """Of at least one hypothesis; all are `near_start`, if one was given."""
-        s, storeys = found.scene.s, found.scene.plan.storeys
-        now = judge(found.scene, found.table[:1], found.fields.state[:1], SIGMA_SCORE)
+        s, storeys, best = found.scene.s, found.scene.plan.storeys, found[np.array([found.score.argmax()])]
+        now = judge(best.scene, best.table, best.fields.state, SIGMA_SCORE)
         share = 1 - float(s.half @ now.quality[0].max(axis=1, initial=0.0) / s.half.sum())
         area = sum(a.area for a in storeys)
         places = float(np.log(PLACES_PER_M2 * (min(area, np.pi * START_M**2) if near_start else area)))
-        return Signs(tuple(found.score.tolist()), share * len(s), float(np.log(len(s))), places)
+        return Signs(found.score, share * len(s), float(np.log(len(s))), places, conflicts(found))
 
 
-def verify(found: Hypotheses, pairs: Pairs, near_start: bool = False, judged: Array | None = None) -> Verdict:
-    """Returns the verdict on hypotheses, best first, at least one; `pairs` are the matches of the first. `near_start`:
-    a start was given, and they were looked for only there. `judged` (K,) are their probabilities by a judge."""
-    signs, model = Signs.of(found, near_start), shipped()
-    own, among, in_plan = matched(pairs, len(found.scene.s)), model.among(signs), model.in_plan(signs)
-    if judged is not None:
-        in_plan = float(judged.sum())
-        among = judged / max(in_plan, 1e-12)
-    in_plan = in_plan if len(pairs.surfaces) >= LEAST_SURFACES else 0.0
-    probabilities, unit = tuple((in_plan * among).tolist()), model.temperature(signs, is_mirrored=True)
+def ranked(found: Hypotheses, near_start: bool = False) -> tuple[Hypotheses, Signs]:
+    """Hypotheses, the likeliest first, and their signs; at least one."""
+    signs = Signs.of(found, near_start)
+    order = np.argsort(-shipped().among(signs), kind="stable")
+    return found[order], signs[order]
+
+
+def verify(found: Hypotheses, pairs: Pairs, likely: Array, temperature: float) -> Verdict:
+    """Returns the verdict on hypotheses, the likeliest first, at least one, with their probabilities (K,); `pairs` are
+    the matches of the first."""
+    own = matched(pairs, len(found.scene.s))
+    likely = likely if len(pairs.surfaces) >= LEAST_SURFACES else 0.0 * likely
+    in_plan, probabilities = float(likely.sum()), tuple(likely.tolist())
     if probabilities[0] >= SURE:
-        return Verdict("unique", f"{own}; no other place explains the map nearly as well", probabilities, unit)
+        return Verdict("unique", f"{own}; no other place explains the map nearly as well", probabilities, temperature)
     if in_plan < SURE:
         reason = f"too little evidence at the best place ({own}): see more rooms"
-        return Verdict("none", reason, probabilities, unit)
-    near = [k for k in range(1, len(found)) if among[0] < SURE / (1 - SURE) * among[k]] or [1]
+        return Verdict("none", reason, probabilities, temperature)
+    near = [k for k in range(1, len(found)) if likely[0] < SURE / (1 - SURE) * likely[k]] or [1]
     floors = [str(found.scene.plan.storeys[int(found.fields.storey[k])].floor) for k in (0, *near)]
     reason = f"{places_named(floors)} explain the map about equally well ({own})"
-    return Verdict("ambiguous", reason, probabilities, unit)
+    return Verdict("ambiguous", reason, probabilities, temperature)
 
 
 def matched(pairs: Pairs, walls: int) -> str:

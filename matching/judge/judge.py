@@ -23,7 +23,8 @@ SPREAD = 3.0  # by which sums over tokens are divided, beside the root of their 
 
 @dataclass(frozen=True)
 class Judge:
-    """The weights by name; log odds are divided by `temperature`, which is fitted to other maps than they are."""
+    """The weights (N, ...) by name, of N networks whose log odds are averaged and divided by `temperature`, which is
+    fitted to maps that the networks have not seen."""
 
     weights: dict[str, NDArray[np.float32]]
     temperature: float = 1.0
@@ -42,20 +43,20 @@ class Judge:
             raise UserError(f"{file}: cannot be read ({error.strerror or error}); give a judge's weights") from None
         except (SafetensorError, TypeError, ValueError) as error:
             raise UserError(f"{file}: no weights of a judge ({error})") from None
-        width = weights["token_1.bias"].size if "token_1.bias" in weights else 0
-        if {name: value.shape for name, value in weights.items()} != shapes(width):
+        count, width = weights["token_1.bias"].shape if "token_1.bias" in weights else (0, 0)
+        if {name: value.shape for name, value in weights.items()} != shapes(count, width):
             raise UserError(f"{file}: of another network or version; python -m matching.train writes a judge")
         return Judge(weights, temperature)
 
     def __call__(self, found: Hypotheses, signs: Signs) -> Array:
-        """(K,) the probability of each hypothesis, best first by evidence; what lacks to 1 is that of none.
+        """(K,) the probability of each hypothesis, the likeliest first by evidence; what lacks to 1 is that of none.
 
         What the evidence leaves to hypotheses beyond the judged ones stays theirs.
         """
         placements = placements_of(found, signs)
         judged = probabilities(self.logits(placements) / self.temperature)
         found_any, listed = judged.sum(), 1.0 - placements.unlisted
-        rest = np.array(signs.evidence[len(placements) :])
+        rest = signs.evidence[len(placements) :]
         others = np.full(len(rest), found_any * placements.unlisted / max(len(rest), 1))
         return np.concatenate((judged * listed, others))
 
@@ -66,22 +67,25 @@ class Judge:
         count = np.maximum(first.sum(axis=1, keepdims=True), 1)
         total = first.astype(np.float32) @ x
         features = self._layer("features", placements.features)
-        pooled = np.concatenate((total / np.sqrt(count) / SPREAD, total / count, features), axis=1)
-        head = self._layer("head_2", np.maximum(self._layer("head_1", pooled), 0.0))[:, 0]
-        return np.asarray(head + placements.features[:, :SKIPPED] @ self.weights["skip"], dtype=np.float64)
+        pooled = np.concatenate((total / np.sqrt(count) / SPREAD, total / count, features), axis=-1)
+        head = self._layer("head_2", np.maximum(self._layer("head_1", pooled), 0.0))[..., 0]
+        by_evidence = self.weights["skip"] @ placements.features[:, :SKIPPED].T
+        return np.asarray((head + by_evidence).mean(axis=0), dtype=np.float64)
 
     def _layer(self, name: str, x: NDArray[np.float32]) -> NDArray[np.float32]:
-        return np.asarray(x @ self.weights[f"{name}.weight"].T + self.weights[f"{name}.bias"], dtype=np.float32)
+        """(N, rows, out) of rows (rows, in), the same for all networks, or (N, rows, in)."""
+        weight, bias = self.weights[f"{name}.weight"], self.weights[f"{name}.bias"]
+        return np.asarray(x @ np.swapaxes(weight, 1, 2) + bias[:, None], dtype=np.float32)
 
 
-def shapes(width: int) -> dict[str, tuple[int, ...]]:
-    """The shapes of all weights by their names, of a network whose layers are so wide."""
-    found: dict[str, tuple[int, ...]] = {"skip": (SKIPPED,)}
+def shapes(count: int, width: int) -> dict[str, tuple[int, ...]]:
+    """The shapes of all weights by their names, of `count` networks whose layers are so wide."""
+    found: dict[str, tuple[int, ...]] = {"skip": (count, SKIPPED)}
     for name, size in (
         ("token_1", (width, len(TOKEN))), ("token_2", (width, width)), ("features", (width, len(PLACEMENT))),
         ("head_1", (width, 3 * width)), ("head_2", (1, width)),
     ):  # fmt: skip
-        found |= {f"{name}.weight": size, f"{name}.bias": size[:1]}
+        found |= {f"{name}.weight": (count, *size), f"{name}.bias": (count, size[0])}
     return found
 
 

@@ -9,10 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from data.geometry import se2
 from data.geometry.se2 import Array
 from matching.arrays import Index
+from matching.arrays.free_space import STEP_M
 from matching.engine.door_evidence import placed_doors
 from matching.engine.evidence import SHOWN, Chance, Terms, evidence, seen_walls
+from matching.engine.field import motions
+from matching.engine.free_space import shares_in_map
 from matching.engine.hypotheses import Hypotheses
 from matching.engine.verdict import MOST_LOG_ODDS, Signs, shipped
 
@@ -21,11 +25,11 @@ NEAR_DOOR_M = 1.0  # from a planned door to one of the map that is it
 TOKEN = (
     "map's wall", "planned wall", "door", "of the plan alone", "log length", "has partner", "quality", "nats", "lead",
     "across 5 cm", "across 20 cm", "first end", "second end", "turn", "beside", "partner's log length",
-    "of its room", "shared", "has room",
+    "of its room", "shared", "has room", "in free space", "room", "at home", "elsewhere", "of home",
 )  # fmt: skip
 PLACEMENT = (
     "log share", "log odds", "nats", "of walls", "of planned walls", "of doors", "of bending", "a wall", "behind",
-    "explained", "supported", "log walls", "rooms", "rivals",
+    "explained", "supported", "log walls", "rooms", "rivals", "surprise",
 )  # fmt: skip
 SKIPPED = 2  # the first features of a placement, whose sum are its log odds by evidence alone
 OF = {name: n for n, name in enumerate(TOKEN)}
@@ -46,9 +50,8 @@ class Placements:
 
 
 def placements_of(found: Hypotheses, signs: Signs) -> Placements:
-    """The first `RIVALS` of at least one hypothesis; `signs` are those of all, for the verdict."""
-    share = shipped().among(signs)[:RIVALS]
-    odds = shipped().in_plan(signs)
+    """The first `RIVALS` of at least one hypothesis, the likeliest first; `signs` are those of all."""
+    share, odds = shipped().among(signs)[:RIVALS], shipped().in_plan(signs)
     found = found[np.arange(len(share))]
     scene, best = found.scene, np.array([found.score.argmax()])
     chance = Chance.of(scene, found.fields[best], found.table[best])
@@ -56,11 +59,14 @@ def placements_of(found: Hypotheses, signs: Signs) -> Placements:
     tokens, of = zip(*(_of_plan(found, terms, k) for k in range(len(found))), strict=True)
     walls = _of_walls(found, terms)
     walls_of = np.repeat(np.arange(len(found)), walls.shape[1])
-    every = np.concatenate((walls.reshape(-1, len(TOKEN)), *tokens))
+    rooms, rooms_of = _of_rooms(found, terms)
+    every = np.concatenate((walls.reshape(-1, len(TOKEN)), *tokens, rooms))
+    each = np.concatenate((walls_of, *of, rooms_of))
+    features = _features(found, terms, signs, share, odds)
     return Placements(
         every.astype(np.float32),
-        np.concatenate((walls_of, *of)),
-        _features(found, terms, signs, share, odds).astype(np.float32),
+        each,
+        features.astype(np.float32),
         max(0.0, 1.0 - float(share.sum())),
     )
 
@@ -75,7 +81,7 @@ def _features(found: Hypotheses, terms: Terms, signs: Signs, share: Array, in_pl
     columns = (
         np.log(np.maximum(share, np.exp(-MOST_LOG_ODDS / 4))), of_all[:, 0], score / 20, terms.walls / 20,
         terms.seen / 5, terms.doors / 5, terms.bending / 5, score / len(s), (score - score.max()) / 5, explained,
-        (terms.each > 0.5).mean(axis=1), *of_all[:, 1:].T,
+        (terms.each > 0.5).mean(axis=1), *of_all[:, 1:].T, signs.surprise[: len(score)],
     )  # fmt: skip
     return np.stack(columns, axis=1)
 
@@ -113,14 +119,43 @@ def _best_rival(each: Array) -> Array:
     return np.maximum(np.where(each == order[-1], order[-2], order[-1]), 0.0)
 
 
+def _of_rooms(found: Hypotheses, terms: Terms) -> tuple[Array, Index]:
+    """Tokens of the map's rooms whose outlines are known."""
+    s, plan = found.scene.s, found.scene.plan
+    places, room = s.free_space.centres
+    rooms, own = np.unique(room, return_inverse=True)
+    tokens = np.zeros((len(found), len(rooms), len(TOKEN)))
+    if not len(rooms):
+        return tokens.reshape(0, len(TOKEN)), np.zeros(0, dtype=np.int64)
+    size = np.bincount(own)
+    moved = motions(found.scene, found.fields.state)[:, found.scene.group_of_room[room]]
+    for k, storey in enumerate(found.fields.storey.tolist()):
+        space, home = plan.storeys[storey].free_space, terms.homes[k][rooms]
+        at = space.room_at(se2.apply(moved[k], places))
+        here, none = np.bincount(own, at == home[own]) / size, np.bincount(own, at < 0) / size
+        area = np.bincount(space.room[space.room >= 0], minlength=len(plan.storeys[storey].rooms))
+        tokens[k, :, OF["has partner"]] = has = home >= 0
+        tokens[k, :, OF["at home"]] = here * has
+        tokens[k, :, OF["elsewhere"]] = 1 - none - here * has
+        tokens[k, :, OF["of home"]] = has * np.tanh(here * size / np.maximum(area[home], 1))
+    tokens[..., OF["room"]] = 1.0
+    tokens[..., OF["log length"]] = np.log(size * STEP_M**2) / 2
+    return tokens.reshape(-1, len(TOKEN)), np.repeat(np.arange(len(found)), len(rooms))
+
+
 def _of_plan(found: Hypotheses, terms: Terms, k: int) -> tuple[Array, Index]:
     """Tokens of one placement: of planned walls that the map lacks, of its doors and of planned doors it lacks."""
     scene, home, storey = found.scene, terms.homes[k], int(found.fields.storey[k])
     a, doors, own = scene.plan.storeys[storey], scene.plan.doors[storey], scene.doors
     rooms = home[home >= 0]
     seen = seen_walls(scene, storey, found.table[k], terms.now.quality[k])
-    missing = np.flatnonzero(~seen & np.isin(a.room, rooms) & (4 * a.half > SHOWN))
+    unseen_walls = np.flatnonzero(~seen & (4 * a.half > SHOWN))
+    inside = shares_in_map(found, k, unseen_walls)
+    expected = np.isin(a.room[unseen_walls], rooms) | (inside > 0)
+    missing, inside = unseen_walls[expected], inside[expected]
     walls = np.zeros((len(missing), len(TOKEN)))
+    walls[:, OF["in free space"]] = inside
+    walls[:, OF["of its room"]] = np.isin(a.room[missing], rooms)
     walls[:, [OF["planned wall"], OF["of the plan alone"]]] = 1.0
     walls[:, OF["log length"]] = np.log(2 * a.half[missing])
 

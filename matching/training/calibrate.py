@@ -5,8 +5,9 @@ files are needed. Some are of another plan, and some plans lack walls. The comma
 deterministic up to the last bits of floating point numbers.
 """
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +17,14 @@ from scipy.optimize import minimize
 from data.common.cli import Parser, run_command
 from data.common.files import write_json
 from data.geometry.se2 import Array
-from data.plans.sources import Split
+from data.plans.sources import Split, split_of
 from data.synthetic_maps.noise_models import DrawnGraph, draw
 from matching.engine.assignment import assign
 from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
 from matching.engine.room_signs import room_signs
-from matching.engine.verdict import SHIPPED, Calibration, Signs
+from matching.engine.verdict import SHIPPED, Calibration, Signs, ranked
+from matching.training.slam_maps import placed_maps
 from matching.training.truth import KINDS, ROOMS, Surfaces, generated, right_of, seeds_of, surfaces_of, thinned
 
 NOISE = ("real", "drift", "mis_segmented", "heavy_drift")
@@ -33,6 +35,7 @@ REGIMES = {
     "partial": 0.2,
 }  # shares of the maps; another plan of the same
 # kind is alike in parts
+BY_SLAM = {"whole": 0.76, "thinned": 0.19, "foreign": 0.05}  # what maps by SLAM count
 FOREIGN = 0.05  # probability beforehand that the plan is of another building: users rarely mistake it
 COMPARED = 100  # hypotheses of a map whose truth is looked up: a tower has many equal places
 SEPARATION, START = (1.0, 0.1, 0.02), (0.0, 0.0, 0.0, 0.0)  # where fits begin
@@ -61,11 +64,12 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--maps", type=int, default=8000, help="number of maps (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="of the maps (default: %(default)s)")
     parser.add_argument("--out", type=Path, default=SHIPPED, metavar="FILE", help="default: the shipped file")
+    parser.add_argument("--slam", type=Path, required=True, metavar="DIR", help="maps of python -m evaluation.maps")
     options = parser.parse_args(arguments)
-    answers = list(answers_on(options.maps, options.seed))
-    command = f"python -m matching.training.calibrate --maps {options.maps} --seed {options.seed}"
+    answers = list(answers_on(options.maps, options.seed)), list(answers_by_slam(options.slam, options.seed))
+    command = f"python -m matching.training.calibrate --maps {options.maps} --seed {options.seed} --slam DIR"
     data = {"plans": f"generated, of the split 'train': {', '.join(KINDS)}", "noise": list(NOISE), "regimes": REGIMES}
-    write_json(options.out, {"command": command, "data": data, **asdict(fit(answers))})
+    write_json(options.out, {"command": command, "data": data, **asdict(fit(*answers))})
     print(f"wrote {options.out}")
     return 0
 
@@ -84,49 +88,88 @@ def answers_on(count: int, seed: int, split: Split = "train") -> Iterator[Answer
         found = search(scene_of(drawn.s_graph, walls))
         if len(found):
             done += 1
-            yield _answer(found, drawn, regime)
+            yield _answer(*ranked(found), drawn, regime)
 
 
-def _answer(found: Hypotheses, truth: DrawnGraph, regime: str) -> Answer:
+def answers_by_slam(folder: Path, seed: int, split: Split = "train") -> Iterator[Answer]:
+    """The answers about maps by SLAM of a split, whose free space is known."""
+    for m, regime, found, signs in placed_maps(folder, np.random.default_rng(seed)):
+        if split_of(m.building) == split:
+            yield Answer(regime, signs, tuple(m.right(found, regime)), (), ())
+
+
+def _answer(found: Hypotheses, signs: Signs, truth: DrawnGraph, regime: str) -> Answer:
     if regime == "foreign":
-        return Answer(regime, Signs.of(found), (False,) * len(found), (), ())
+        return Answer(regime, signs, (False,) * len(found), (), ())
     pairs = [assign(found, k) for k in range(min(len(found), COMPARED))]
     surfaces = [surfaces_of(found, k, pairs[k], truth) for k in range(len(pairs))]
     right = right_of(found, truth, surfaces)
     if not right[0] or regime != "whole":
-        return Answer(regime, Signs.of(found), right, (), ())
+        return Answer(regime, signs, right, (), ())
     s, a = found.scene.s, found.scene.plan.storeys[int(found.fields.storey[0])]
     true = [truth.rooms.get(s.rooms[r].id) == a.rooms[q].id for r, q, _ in pairs[0].rooms]
-    signs = room_signs(found, pairs[0].rooms).tolist()
-    return Answer(regime, Signs.of(found), right, tuple(zip(signs, true, strict=True)), surfaces[0])
+    of_rooms = room_signs(found, pairs[0].rooms).tolist()
+    return Answer(regime, signs, right, tuple(zip(of_rooms, true, strict=True)), surfaces[0])
 
 
-def fit(answers: Sequence[Answer]) -> Calibration:
-    """Fits all models by maximum likelihood."""
-    found = [a for a in answers if any(a.right)]
+def fit(drawn: Sequence[Answer], by_slam: Sequence[Answer]) -> Calibration:
+    """Fits all models by maximum likelihood: that of free space, which drawn maps do not have, to maps by SLAM."""
+    found = [a for a in drawn if any(a.right)]
 
     def loss(scale: Array) -> float:
-        known = np.exp([-_surprise(a, np.exp(scale)) for a in found])
-        return -float(np.mean(np.log((1 - MISLABELLED) * known + MISLABELLED)))
+        a, b, c = np.exp(scale).tolist()
+        return _loss(replace(begun, separation=(a, b, c)), found)
 
-    separation = _rounded(np.exp(minimize(loss, np.log(SEPARATION), method="Nelder-Mead").x))
-    begun = Calibration(START, separation, START, START[:2])
-    apart = [a for a in answers if begun.among(a.signs)[0] > APART]
-    foreign = np.array([a.regime == "foreign" for a in answers])
+    begun = Calibration(START, SEPARATION, (0.0, 0.0), START, START[:2])
+    begun = replace(begun, separation=_rounded(np.exp(minimize(loss, np.log(SEPARATION), method="Nelder-Mead").x)))
+    apart = [a for a in drawn if begun.among(a.signs)[0] > APART]
+    foreign = np.array([a.regime == "foreign" for a in drawn])
     weight = {True: FOREIGN / foreign.mean(), False: (1 - FOREIGN) / (1 - foreign.mean())}
     weights = np.array([weight[a.regime == "foreign"] for a in apart])
     place = logistic(np.array([a.signs.features for a in apart]), np.array([a.right[0] for a in apart]), weights)
-    rooms = [pair for a in answers for pair in a.rooms]
+    rooms = [pair for a in drawn for pair in a.rooms]
     room = logistic(np.array([signs for signs, _ in rooms]), np.array([true for _, true in rooms]))
-    surface = _of_shares([pair for a in answers for pair in a.surfaces])
-    return Calibration(_rounded(place), separation, _rounded(room), _rounded(surface))
+    surface = _of_shares([pair for a in drawn for pair in a.surfaces])
+    fitted = Calibration(_rounded(place), begun.separation, (0.0, 0.0), _rounded(room), _rounded(surface))
+    return replace(fitted, free_space=_of_free_space(fitted, by_slam))
 
 
-def _surprise(answer: Answer, separation: Array) -> float:
-    """Minus the logarithm of the probability of the right hypotheses."""
-    scale = Calibration(START, tuple(separation.tolist()), START, START[:2]).temperature(answer.signs)
-    evidence = np.array(answer.signs.evidence[: len(answer.right)]) / scale
-    return float(np.logaddexp.reduce(evidence) - np.logaddexp.reduce(evidence[np.array(answer.right)]))
+def _loss(model: Calibration, found: Sequence[Answer]) -> float:
+    """Minus the mean logarithm of the probability of the right hypotheses among all."""
+    known = [_of_right(model, a) for a in found]
+    return -float(np.mean(np.log((1 - MISLABELLED) * np.array(known) + MISLABELLED)))
+
+
+def _of_right(model: Calibration, answer: Answer) -> float:
+    """The probability of the right hypotheses among those whose truth is known."""
+    among = model.among(answer.signs)[: len(answer.right)]
+    return float(among[np.array(answer.right)].sum() / among.sum())
+
+
+def _of_free_space(model: Calibration, answers: Sequence[Answer]) -> tuple[float, float]:
+    """`Calibration.free_space`, given the rest."""
+    found = [a for a in answers if any(a.right)]
+
+    def of_places(scale: Array) -> float:
+        return _loss(replace(model, free_space=(float(np.exp(scale[0])), 0.0)), found)
+
+    among = float(np.exp(minimize(of_places, np.zeros(1), method="Nelder-Mead").x[0]))
+    model, count = replace(model, free_space=(among, 0.0)), Counter(a.regime for a in answers)
+    apart, weights = [], []
+    for a in answers:
+        likely = model.among(a.signs)
+        best = int(likely[: len(a.right)].argmax())
+        if likely.max() > APART:
+            apart.append((a.signs[np.array([best])], a.right[best]))
+            weights.append(BY_SLAM[a.regime] / count[a.regime])
+    log_odds = np.array([[*s.features, 1.0] for s, _ in apart]) @ np.array(model.place)
+    surprise, right = np.array([s.surprise[0] for s, _ in apart]), np.array([true for _, true in apart])
+
+    def of_plan(slope: Array) -> float:
+        z = log_odds - slope[0] * surprise
+        return float(np.average(np.logaddexp(0, z) - right * z, weights=weights))
+
+    return round(among, 4), round(float(minimize(of_plan, np.zeros(1)).x[0]), 4)
 
 
 def _rounded(of: Array) -> Any:

@@ -1,7 +1,7 @@
 """The judge's network in PyTorch, its loss, loop, calibration and files; `matching.judge` runs it in numpy."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from data.common.files import atomic_file, write_atomically
 from data.geometry.se2 import Array
 from matching.arrays import Index
 from matching.judge.judge import SPREAD, Judge
-from matching.judge.placements import PLACEMENT, SKIPPED, TOKEN
+from matching.judge.placements import PLACEMENT, SKIPPED, TOKEN, Placements
 from matching.training.calibrate import FOREIGN, MISLABELLED
 from matching.training.judge_data import Examples
 
@@ -140,14 +140,28 @@ class JudgeTraining:
                 losses = []
 
 
-def calibrated(network: JudgeNetwork, held_out: Examples) -> Judge:
-    """The judge with the temperature that fits held-out maps best."""
+def calibrated(networks: Sequence[JudgeNetwork], held_out: Sequence[Examples]) -> Judge:
+    """The judge of several networks, with the temperature that fits best those maps that each has not seen."""
     with torch.no_grad():
-        log_odds = network.of(held_out)
-    weights = weights_of(held_out)
-    best = minimize_scalar(lambda log: loss(log_odds / math.exp(log), held_out, weights).item(), bounds=(-1.0, 1.0))
-    state = {name: value.detach().numpy() for name, value in network.state_dict().items()}
-    return Judge(state, round(math.exp(best.x), 4))
+        log_odds = torch.cat([network.of(unseen) for network, unseen in zip(networks, held_out, strict=True)])
+    every = Examples.joined(held_out)
+    weights = weights_of(every)
+    best = minimize_scalar(lambda log: loss(log_odds / math.exp(log), every, weights).item(), bounds=(-1.0, 1.5))
+    states = [network.state_dict() for network in networks]
+    stacked = {name: torch.stack([state[name] for state in states]).numpy() for name in states[0]}
+    return Judge(stacked, round(math.exp(best.x), 4))
+
+
+def log_odds_of(judge: Judge, examples: Examples) -> Tensor:
+    """(P,) of all placements, at the judge's temperature."""
+    begin = np.concatenate(([0], np.cumsum(examples.sizes)))
+    of, first = np.repeat(np.arange(len(examples.sizes)), examples.sizes), np.cumsum(examples.rivals) - examples.rivals
+    every = []
+    for k, n in zip(first.tolist(), examples.rivals.tolist(), strict=True):
+        own = slice(begin[k], begin[k + n])
+        tokens = examples.tokens[own].astype(np.float32)
+        every.append(judge.logits(Placements(tokens, of[own] - k, examples.features[k : k + n])))
+    return torch.from_numpy(np.concatenate(every)) / judge.temperature
 
 
 def shares(log_odds: Tensor, examples: Examples) -> Array:
@@ -162,11 +176,10 @@ def save_judge(path: Path, judge: Judge) -> None:
     write_atomically(path, save(dict(judge.weights), {"temperature": str(judge.temperature)}))
 
 
-def measures(network: JudgeNetwork, judge: Judge, examples: Examples, sure: float = 0.99) -> dict[str, float]:
+def measures(judge: Judge, examples: Examples, sure: float = 0.99) -> dict[str, float]:
     """Of examples, with the judge and by evidence alone: the shares that are decided, and how many of these are
     wrong, of which foreign."""
-    with torch.no_grad():
-        judged = network.of(examples) / judge.temperature
+    judged = log_odds_of(judge, examples)
     by_evidence = torch.from_numpy(examples.features[:, :SKIPPED].sum(axis=1))
     found: dict[str, float] = {"maps": len(examples), "foreign": int(examples.foreign.sum())}
     for name, log_odds in (("judge", judged), ("evidence", by_evidence)):

@@ -1,59 +1,30 @@
 """Placements of known truth to train the judge with: of maps that are drawn, and of maps by SLAM, from files."""
 
-import json
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from data.common.errors import UserError
-from data.common.files import write_json
-from data.plans.sources import Split, split_of
+from data.plans.sources import Split
 from data.scene_graph import SceneGraph
 from data.scene_graph.graph import mirrored
 from data.synthetic_maps.noise_models import NOISE_MODELS, DrawnGraph, draw
 from data.synthetic_maps.wall_noise import USUAL, NoiseLevels
 from matching.arrays import Index
 from matching.engine.assignment import assign
-from matching.engine.hypotheses import Hypotheses, scene_of, search
-from matching.engine.plan_walls import PlanWalls
+from matching.engine.hypotheses import Hypotheses
 from matching.engine.verdict import Signs
 from matching.judge.placements import PLACEMENT, RIVALS, TOKEN, Placements, placements_of
-from matching.training.truth import KINDS, ROOMS, generated, is_near, right_of, seeds_of, surfaces_of, thinned
+from matching.training.slam_maps import placed_maps, searched
+from matching.training.truth import KINDS, ROOMS, generated, right_of, seeds_of, surfaces_of, thinned
 
 REGIMES = {"whole": 0.6, "thinned": 0.15, "foreign": 0.2, "mirrored": 0.05}  # shares of plans
 OF_OTHERS = ("foreign", "mirrored")  # the map is not in these plans
 USUAL_SHARE = 0.3  # of maps with the noise models' own levels
+THINNED_SHARE = 0.25  # of maps by SLAM that count in a plan without some of its walls, too
 LEVELS = NoiseLevels(2.0, 0.35, 0.4, 0.5, 0.6, 0.3, 0.3)  # the highest; a sigma is at least the inverse
-
-
-@dataclass(frozen=True)
-class MapInPlan:
-    """A map by SLAM: its S-graph, of the file `plan`; its true place and storey there."""
-
-    building: str
-    s_graph: SceneGraph
-    plan: str
-    T_a_s: tuple[float, float, float]
-    floor: str | None
-
-    def save(self, path: Path) -> None:
-        """Writes the map as JSON; `plan` is beside it."""
-        write_json(path, {**asdict(replace(self, s_graph=None)), "s_graph": self.s_graph.to_dict()})  # type: ignore[arg-type]
-
-    @staticmethod
-    def load(path: Path) -> "MapInPlan":
-        """Reads a map. Raises UserError."""
-        try:
-            stored: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-            place = stored["T_a_s"][0], stored["T_a_s"][1], stored["T_a_s"][2]
-            graph = SceneGraph.from_dict(stored["s_graph"])
-            return MapInPlan(stored["building"], graph, stored["plan"], place, stored["floor"])
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise UserError(f"{path}: no map of python -m evaluation.maps ({error!r})") from None
 
 
 @dataclass(frozen=True)
@@ -92,51 +63,30 @@ def drawn_examples(split: Split, seed: int, number: int, count: int) -> list[Exa
 
 def example(drawn: DrawnGraph, plan: SceneGraph, regime: str, about: str) -> Example | None:
     """The example of a drawn map in a plan; None if nothing is found, or the right place is not among the rivals."""
-    found = _searched(drawn.s_graph, plan)
+    found = searched(drawn.s_graph, plan)
     if found is None:
         return None
     if regime in OF_OTHERS:
-        return _example(found, (False,) * len(found), True, f"{regime} {about}")
-    surfaces = [surfaces_of(found, k, assign(found, k), drawn) for k in range(min(len(found), 5 * RIVALS))]
-    right = right_of(found[np.arange(len(surfaces))], drawn, surfaces)
-    return _example(found, right, False, f"{regime} {about}")
+        return _example(*found, (False,) * len(found[0]), True, f"{regime} {about}")
+    surfaces = [surfaces_of(found[0], k, assign(found[0], k), drawn) for k in range(min(len(found[0]), 5 * RIVALS))]
+    right = right_of(found[0][np.arange(len(surfaces))], drawn, surfaces)
+    return _example(*found, right, False, f"{regime} {about}")
 
 
-def examples_of_maps(folder: Path, rng: np.random.Generator) -> Iterator[tuple[str, list[Example]]]:
-    """For each map of a folder, its building and the examples of its own plan, whole and thinned, and of another's.
-
-    Raises UserError as `MapInPlan.load` does, and if there is no map, or maps of one building alone.
-    """
-    maps = [MapInPlan.load(path) for path in sorted(folder.glob("*.map.json"))]
-    plans = {name: SceneGraph.load(folder / name) for name in sorted({m.plan for m in maps})}
-    building = {m.plan: m.building for m in maps}
-    if len(set(building.values())) < 2:
-        raise UserError(f"{folder}: no maps of several buildings; python -m evaluation.maps writes them")
-    for m in maps:
-        others = [plan for plan, name in building.items() if name != m.building]
-        # a plan that training sees must not be met again in validation
-        others = [plan for plan in others if split_of(building[plan]) == split_of(m.building)] or others
-        made: list[Example | None] = []
-        for regime in ("whole", "thinned", "foreign"):
-            plan = plans[m.plan if regime != "foreign" else str(rng.choice(others))]
-            found = _searched(m.s_graph, thinned(plan, rng) if regime == "thinned" else plan)
-            if found is not None:
-                foreign = regime == "foreign"
-                near = [False] * len(found) if foreign else is_near(found, m.s_graph, np.array(m.T_a_s), m.floor)
-                made.append(_example(found, near, foreign, f"{regime} {m.building} slam {len(m.s_graph.rooms)}"))
-        yield m.building, [e for e in made if e is not None]
+def examples_of_maps(folder: Path, rng: np.random.Generator) -> Iterator[tuple[str, Example]]:
+    """The examples of the maps of a folder, with their buildings. Raises UserError as `placed_maps` does."""
+    for m, regime, found, signs in placed_maps(folder, rng):
+        if regime == "thinned" and rng.random() > THINNED_SHARE:
+            continue
+        made = _example(found, signs, m.right(found, regime), regime == "foreign", f"{regime} {m.building} slam")
+        if made is not None:
+            yield m.building, made
 
 
-def _searched(s: SceneGraph, plan: SceneGraph) -> Hypotheses | None:
-    walls = PlanWalls.of(plan)
-    found = None if walls is None or not s.wall_surfaces else search(scene_of(s, walls))
-    return found if found is not None and len(found) else None
-
-
-def _example(found: Hypotheses, right: Sequence[bool], foreign: bool, about: str) -> Example | None:
+def _example(found: Hypotheses, signs: Signs, right: Sequence[bool], foreign: bool, about: str) -> Example | None:
     if any(right) and not any(right[:RIVALS]):
         return None
-    placements = placements_of(found, Signs.of(found))
+    placements = placements_of(found, signs)
     return Example(placements, np.array(right[: len(placements)], dtype=bool), foreign, about)
 
 

@@ -29,7 +29,7 @@ from evaluation.studies.matching import STUDY, Choice, cases, measure
 from evaluation.tables import frame
 from matching import MatchResult
 from matching.matcher import DEFAULT
-from matching.training.judge_data import MapInPlan
+from matching.training.slam_maps import MapInPlan
 
 SEEDS = (3, 4, 17, 22)  # the first two houses are for training by their names, the others for tests
 WALLS = tuple(WallSurface(name, None, (0.0, 0.0), (1.0, 0.0), 1.0) for name in ("one", "two", "cupboard", "shelf"))

@@ -15,12 +15,13 @@ from data.synthetic_maps.noise_models import DrawnGraph, draw
 from matching import Matcher
 from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
-from matching.engine.verdict import Signs
+from matching.engine.verdict import Signs, ranked
 from matching.judge import Judge, judge, placements_of
 from matching.result import MatchResult
 from matching.train import main
 from matching.training.judge import JudgeNetwork, JudgeTraining, calibrated, save_judge
-from matching.training.judge_data import Examples, MapInPlan, drawn_examples
+from matching.training.judge_data import Examples, drawn_examples
+from matching.training.slam_maps import MapInPlan
 from matching.training.truth import RIGHT_M, generated, seeds_of
 
 UNSEEN = seeds_of("test")  # nothing was trained or fitted on these buildings
@@ -41,7 +42,7 @@ def examples() -> Examples:
 
 
 def chances(found: Hypotheses) -> np.ndarray:
-    return Judge.load()(found, Signs.of(found))
+    return Judge.load()(*ranked(found))
 
 
 def maps(count: int, rooms: int) -> Iterator[tuple[str, DrawnGraph]]:
