@@ -16,6 +16,8 @@ from matching.engine.field import judge
 from matching.engine.field_loops import SIGMA_SCORE
 from matching.engine.hypotheses import Hypotheses
 
+AT_EDGE = 0.25  # share of a wall that the coarse outline of a room may cover
+
 
 def conflicts(found: Hypotheses) -> Array:
     """(K,) metres of planned walls without a partner that stand in the map's free space."""
@@ -39,4 +41,4 @@ def shares_in_map(found: Hypotheses, k: int, chosen: Index) -> Array:
     count = np.ceil(2 * walls.half[chosen] / STEP_M).astype(np.int64) + 1
     points, of = points_along(walls.centre[chosen], walls.tangent[chosen], walls.half[chosen], count)
     inside = space.is_inside(se2.apply(se2.inverse(found.rigid[k]), points))
-    return np.asarray(np.bincount(of, inside, len(chosen)) / count)
+    return np.maximum(np.bincount(of, inside, len(chosen)) / count - AT_EDGE, 0.0) / (1 - AT_EDGE)

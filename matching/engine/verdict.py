@@ -28,7 +28,8 @@ SURE = 0.98  # probability of the best place of an answer that is unique
 PLACES_PER_M2 = 40.0  # that a vote can separate: four directions of the grid, a third of a metre
 SHIPPED = Path(__file__).parents[1] / "weights" / "calibration.json"
 MOST_LOG_ODDS = 50.0
-USUAL_CONFLICT_M = 0.5
+USUAL_CONFLICT_M = 0.5  # pieces of wall stand in the outlines of many rooms
+NOT_BUILT = 0.05  # prior that a planned wall that the map should show was not built, or is a door
 
 
 @dataclass(frozen=True)
@@ -39,15 +40,15 @@ class Calibration:
     Platt: Probabilistic outputs for support vector machines, 1999).
     `separation` (a, b, c): hypotheses are as likely as a softmax of their evidence over a + b times the number of
     unexplained walls + c times the evidence of the best says: at another place as much may differ from the plan.
-    `free_space`: what a unit of `Signs.surprise` takes from the logarithm of the probability of a hypothesis among all,
-    and from the log odds that the map is in the plan. Free space is seen by rays, walls by points: it is not divided.
+    `free_space` is how fast the probability of conflict with free space falls at the right place. Free space is seen by
+    rays, walls by points: it is not divided by the temperature.
     `room` are the coefficients of the log odds of a room pair at the right place: of its `room_signs`, and a constant.
     `surface` (offset, slope): those of a surface pair in the log odds of its share among what stood to choose.
     """
 
     place: tuple[float, float, float, float]
     separation: tuple[float, float, float]
-    free_space: tuple[float, float]
+    free_space: tuple[float]
     room: tuple[float, float, float, float]
     surface: tuple[float, float]
 
@@ -56,10 +57,14 @@ class Calibration:
         among = self.among(signs)
         return self.in_plan(signs[np.array([among.argmax()])]) * among
 
+    def of_free_space(self, signs: "Signs") -> Array:
+        """(K,) the log likelihood ratios of the conflicts: a wall in conflict may be one that was not built."""
+        return np.log(NOT_BUILT + (1 - NOT_BUILT) * (1 + signs.conflict / USUAL_CONFLICT_M) ** -self.free_space[0])
+
     def in_plan(self, signs: "Signs") -> float:
         """The probability that the map is in the plan, by the first hypothesis."""
         of = np.array([*signs.features, 1.0])
-        return probability(float(of @ np.array(self.place) - self.free_space[1] * signs.surprise[0]))
+        return probability(float(of @ np.array(self.place)))
 
     def temperature(self, signs: "Signs", is_mirrored: bool = False) -> float:
         """The nats of evidence that make one hypothesis e times as likely as another, or as one of the mirror image,
@@ -69,7 +74,7 @@ class Calibration:
 
     def among(self, signs: "Signs") -> Array:
         """(K,) the probability of each hypothesis, if one of them is right."""
-        nats = signs.evidence / self.temperature(signs) - self.free_space[0] * signs.surprise
+        nats = signs.evidence / self.temperature(signs) + self.of_free_space(signs)
         likely = np.exp(np.maximum(nats - nats.max(), -MOST_LOG_ODDS))
         return np.asarray(likely / likely.sum())
 
@@ -123,11 +128,6 @@ class Signs:
     def __getitem__(self, chosen: Index) -> "Signs":
         """Those of some hypotheses."""
         return replace(self, evidence=self.evidence[chosen], conflict=self.conflict[chosen])
-
-    @property
-    def surprise(self) -> Array:
-        """(K,) grows with the conflict; pieces of wall stand in the outlines of many rooms."""
-        return np.log1p(self.conflict / USUAL_CONFLICT_M)
 
     @property
     def features(self) -> tuple[float, float, float]:

@@ -29,7 +29,7 @@ TOKEN = (
 )  # fmt: skip
 PLACEMENT = (
     "log share", "log odds", "nats", "of walls", "of planned walls", "of doors", "of bending", "a wall", "behind",
-    "explained", "supported", "log walls", "rooms", "rivals", "surprise",
+    "explained", "supported", "log walls", "rooms", "rivals", "free space",
 )  # fmt: skip
 SKIPPED = 2  # the first features of a placement, whose sum are its log odds by evidence alone
 OF = {name: n for n, name in enumerate(TOKEN)}
@@ -81,7 +81,7 @@ def _features(found: Hypotheses, terms: Terms, signs: Signs, share: Array, in_pl
     columns = (
         np.log(np.maximum(share, np.exp(-MOST_LOG_ODDS / 4))), of_all[:, 0], score / 20, terms.walls / 20,
         terms.seen / 5, terms.doors / 5, terms.bending / 5, score / len(s), (score - score.max()) / 5, explained,
-        (terms.each > 0.5).mean(axis=1), *of_all[:, 1:].T, signs.surprise[: len(score)],
+        (terms.each > 0.5).mean(axis=1), *of_all[:, 1:].T, shipped().of_free_space(signs)[: len(score)],
     )  # fmt: skip
     return np.stack(columns, axis=1)
 

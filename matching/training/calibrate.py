@@ -5,7 +5,6 @@ files are needed. Some are of another plan, and some plans lack walls. The comma
 deterministic up to the last bits of floating point numbers.
 """
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -35,7 +34,6 @@ REGIMES = {
     "partial": 0.2,
 }  # shares of the maps; another plan of the same
 # kind is alike in parts
-BY_SLAM = {"whole": 0.76, "thinned": 0.19, "foreign": 0.05}  # what maps by SLAM count
 FOREIGN = 0.05  # probability beforehand that the plan is of another building: users rarely mistake it
 COMPARED = 100  # hypotheses of a map whose truth is looked up: a tower has many equal places
 SEPARATION, START = (1.0, 0.1, 0.02), (0.0, 0.0, 0.0, 0.0)  # where fits begin
@@ -120,7 +118,7 @@ def fit(drawn: Sequence[Answer], by_slam: Sequence[Answer]) -> Calibration:
         a, b, c = np.exp(scale).tolist()
         return _loss(replace(begun, separation=(a, b, c)), found)
 
-    begun = Calibration(START, SEPARATION, (0.0, 0.0), START, START[:2])
+    begun = Calibration(START, SEPARATION, (0.0,), START, START[:2])
     begun = replace(begun, separation=_rounded(np.exp(minimize(loss, np.log(SEPARATION), method="Nelder-Mead").x)))
     apart = [a for a in drawn if begun.among(a.signs)[0] > APART]
     foreign = np.array([a.regime == "foreign" for a in drawn])
@@ -130,7 +128,7 @@ def fit(drawn: Sequence[Answer], by_slam: Sequence[Answer]) -> Calibration:
     rooms = [pair for a in drawn for pair in a.rooms]
     room = logistic(np.array([signs for signs, _ in rooms]), np.array([true for _, true in rooms]))
     surface = _of_shares([pair for a in drawn for pair in a.surfaces])
-    fitted = Calibration(_rounded(place), begun.separation, (0.0, 0.0), _rounded(room), _rounded(surface))
+    fitted = Calibration(_rounded(place), begun.separation, (0.0,), _rounded(room), _rounded(surface))
     return replace(fitted, free_space=_of_free_space(fitted, by_slam))
 
 
@@ -146,30 +144,14 @@ def _of_right(model: Calibration, answer: Answer) -> float:
     return float(among[np.array(answer.right)].sum() / among.sum())
 
 
-def _of_free_space(model: Calibration, answers: Sequence[Answer]) -> tuple[float, float]:
+def _of_free_space(model: Calibration, answers: Sequence[Answer]) -> tuple[float]:
     """`Calibration.free_space`, given the rest."""
     found = [a for a in answers if any(a.right)]
 
-    def of_places(scale: Array) -> float:
-        return _loss(replace(model, free_space=(float(np.exp(scale[0])), 0.0)), found)
+    def loss(scale: Array) -> float:
+        return _loss(replace(model, free_space=(float(np.exp(scale[0])),)), found)
 
-    among = float(np.exp(minimize(of_places, np.zeros(1), method="Nelder-Mead").x[0]))
-    model, count = replace(model, free_space=(among, 0.0)), Counter(a.regime for a in answers)
-    apart, weights = [], []
-    for a in answers:
-        likely = model.among(a.signs)
-        best = int(likely[: len(a.right)].argmax())
-        if likely.max() > APART:
-            apart.append((a.signs[np.array([best])], a.right[best]))
-            weights.append(BY_SLAM[a.regime] / count[a.regime])
-    log_odds = np.array([[*s.features, 1.0] for s, _ in apart]) @ np.array(model.place)
-    surprise, right = np.array([s.surprise[0] for s, _ in apart]), np.array([true for _, true in apart])
-
-    def of_plan(slope: Array) -> float:
-        z = log_odds - slope[0] * surprise
-        return float(np.average(np.logaddexp(0, z) - right * z, weights=weights))
-
-    return round(among, 4), round(float(minimize(of_plan, np.zeros(1)).x[0]), 4)
+    return (round(float(np.exp(minimize(loss, np.zeros(1), method="Nelder-Mead").x[0])), 4),)
 
 
 def _rounded(of: Array) -> Any:

@@ -23,7 +23,7 @@ from matching.training.truth import KINDS, ROOMS, generated, right_of, seeds_of,
 REGIMES = {"whole": 0.6, "thinned": 0.15, "foreign": 0.2, "mirrored": 0.05}  # shares of plans
 OF_OTHERS = ("foreign", "mirrored")  # the map is not in these plans
 USUAL_SHARE = 0.3  # of maps with the noise models' own levels
-THINNED_SHARE = 0.25  # of maps by SLAM that count in a plan without some of its walls, too
+CHANGED, CHANGED_SHARE = ("thinned", "extended"), 0.3  # of maps by SLAM that count in such plans, too
 LEVELS = NoiseLevels(2.0, 0.35, 0.4, 0.5, 0.6, 0.3, 0.3)  # the highest; a sigma is at least the inverse
 
 
@@ -76,7 +76,7 @@ def example(drawn: DrawnGraph, plan: SceneGraph, regime: str, about: str) -> Exa
 def examples_of_maps(folder: Path, rng: np.random.Generator) -> Iterator[tuple[str, Example]]:
     """The examples of the maps of a folder, with their buildings. Raises UserError as `placed_maps` does."""
     for m, regime, found, signs in placed_maps(folder, rng):
-        if regime == "thinned" and rng.random() > THINNED_SHARE:
+        if regime in CHANGED and rng.random() > CHANGED_SHARE:
             continue
         made = _example(found, signs, m.right(found, regime), regime == "foreign", f"{regime} {m.building} slam")
         if made is not None:

@@ -11,13 +11,16 @@ import numpy as np
 from data.common.errors import UserError
 from data.common.files import write_json
 from data.plans.sources import split_of
-from data.scene_graph import SceneGraph
+from data.scene_graph import SceneGraph, WallSurface
 from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
 from matching.engine.verdict import Signs, ranked
 from matching.training.truth import is_near, thinned
 
-REGIMES = ("whole", "thinned", "foreign")  # the map's own plan, without some of its walls, and another's
+# the map's own plan, without some of its walls, with walls that were not built, and another's
+REGIMES = ("whole", "thinned", "extended", "foreign")
+NOT_BUILT = 3  # walls, at most
+WALL_M = 0.12  # their thickness
 
 
 @dataclass(frozen=True)
@@ -68,9 +71,25 @@ def placed_maps(folder: Path, rng: np.random.Generator) -> Iterator[tuple[MapInP
         others = [plan for plan in others if split_of(building[plan]) == split_of(m.building)] or others
         for regime in REGIMES:
             plan = plans[m.plan if regime != "foreign" else str(rng.choice(others))]
-            found = searched(m.s_graph, thinned(plan, rng) if regime == "thinned" else plan)
+            plan = thinned(plan, rng) if regime == "thinned" else extended(plan, rng) if regime == "extended" else plan
+            found = searched(m.s_graph, plan)
             if found is not None:
                 yield m, regime, *found
+
+
+def extended(plan: SceneGraph, rng: np.random.Generator) -> SceneGraph:
+    """The plan with some walls more, both sides of each, through rooms: they were not built."""
+    more: list[WallSurface] = []
+    for n in range(int(rng.integers(1, NOT_BUILT + 1))):
+        room = plan.rooms[int(rng.integers(len(plan.rooms)))]
+        like = plan.wall_surfaces[int(rng.integers(len(plan.wall_surfaces)))]
+        place = np.array(room.centroid) + rng.uniform(-1, 1, 2)
+        for side in (1, -1):
+            normal = side * np.array(like.normal)
+            x, y = (place + WALL_M / 2 * normal).tolist()
+            named = replace(like, id=f"not-built-{n}-{side}", room=room.id, floor=room.floor, parts=())
+            more.append(replace(named, centroid=(x, y), normal=(float(normal[0]), float(normal[1]))))
+    return replace(plan, wall_surfaces=(*plan.wall_surfaces, *more))
 
 
 def searched(s: SceneGraph, plan: SceneGraph) -> tuple[Hypotheses, Signs] | None:
