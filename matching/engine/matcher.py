@@ -58,7 +58,7 @@ def answer(found: Hypotheses, began: float, near_start: bool = False, judging: P
         order = np.argsort(-likely, kind="stable")
         found, signs, likely = found[order], signs[order], likely[order]
     temperature = of.temperature(signs, is_mirrored=True)
-    score = found.score + temperature * of.of_free_space(signs)
+    score = found.score + temperature * signs.of_free_space
     pairs = assign(found, 0)
     # A room of a map that deforms may lie on its neighbour of the plan: only what is sure is named.
     named = zip(pairs.rooms, of.of_rooms(room_signs(found, pairs.rooms)), strict=True)

@@ -28,7 +28,7 @@ SURE = 0.98  # probability of the best place of an answer that is unique
 PLACES_PER_M2 = 40.0  # that a vote can separate: four directions of the grid, a third of a metre
 SHIPPED = Path(__file__).parents[1] / "weights" / "calibration.json"
 MOST_LOG_ODDS = 50.0
-USUAL_CONFLICT_M = 0.5  # pieces of wall stand in the outlines of many rooms
+USUAL_CONFLICT_M = 0.5  # metres, at the right place: outlines of rooms are coarse; none in 98.5 % of maps by SLAM
 NOT_BUILT = 0.05  # prior that a planned wall that the map should show was not built, or is a door
 
 
@@ -40,15 +40,12 @@ class Calibration:
     Platt: Probabilistic outputs for support vector machines, 1999).
     `separation` (a, b, c): hypotheses are as likely as a softmax of their evidence over a + b times the number of
     unexplained walls + c times the evidence of the best says: at another place as much may differ from the plan.
-    `free_space` is how fast the probability of conflict with free space falls at the right place. Free space is seen by
-    rays, walls by points: it is not divided by the temperature.
     `room` are the coefficients of the log odds of a room pair at the right place: of its `room_signs`, and a constant.
     `surface` (offset, slope): those of a surface pair in the log odds of its share among what stood to choose.
     """
 
     place: tuple[float, float, float, float]
     separation: tuple[float, float, float]
-    free_space: tuple[float]
     room: tuple[float, float, float, float]
     surface: tuple[float, float]
 
@@ -56,10 +53,6 @@ class Calibration:
         """(K,) the probability of each hypothesis; what lacks to 1 is that of none."""
         among = self.among(signs)
         return self.in_plan(signs[np.array([among.argmax()])]) * among
-
-    def of_free_space(self, signs: "Signs") -> Array:
-        """(K,) the log likelihood ratios of the conflicts: a wall in conflict may be one that was not built."""
-        return np.log(NOT_BUILT + (1 - NOT_BUILT) * (1 + signs.conflict / USUAL_CONFLICT_M) ** -self.free_space[0])
 
     def in_plan(self, signs: "Signs") -> float:
         """The probability that the map is in the plan, by the first hypothesis."""
@@ -74,7 +67,7 @@ class Calibration:
 
     def among(self, signs: "Signs") -> Array:
         """(K,) the probability of each hypothesis, if one of them is right."""
-        nats = signs.evidence / self.temperature(signs) + self.of_free_space(signs)
+        nats = signs.evidence / self.temperature(signs) + signs.of_free_space
         likely = np.exp(np.maximum(nats - nats.max(), -MOST_LOG_ODDS))
         return np.asarray(likely / likely.sum())
 
@@ -97,9 +90,7 @@ def probability(log_odds: float) -> float:
 def shipped() -> Calibration:
     """The calibration that comes with the package."""
     stored = json.loads(SHIPPED.read_text(encoding="utf-8"))
-    return Calibration(
-        **{name: tuple(stored[name]) for name in ("place", "separation", "free_space", "room", "surface")}
-    )
+    return Calibration(**{name: tuple(stored[name]) for name in ("place", "separation", "room", "surface")})
 
 
 @dataclass(frozen=True)
@@ -128,6 +119,12 @@ class Signs:
     def __getitem__(self, chosen: Index) -> "Signs":
         """Those of some hypotheses."""
         return replace(self, evidence=self.evidence[chosen], conflict=self.conflict[chosen])
+
+    @property
+    def of_free_space(self) -> Array:
+        """(K,) the log likelihood ratios of the conflicts: at the right place there are few, unless walls were not
+        built. Rays see free space, points see walls, so that this is not divided by the temperature."""
+        return np.log(NOT_BUILT + (1 - NOT_BUILT) * np.exp(-self.conflict / USUAL_CONFLICT_M))
 
     @property
     def features(self) -> tuple[float, float, float]:

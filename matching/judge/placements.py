@@ -81,7 +81,7 @@ def _features(found: Hypotheses, terms: Terms, signs: Signs, share: Array, in_pl
     columns = (
         np.log(np.maximum(share, np.exp(-MOST_LOG_ODDS / 4))), of_all[:, 0], score / 20, terms.walls / 20,
         terms.seen / 5, terms.doors / 5, terms.bending / 5, score / len(s), (score - score.max()) / 5, explained,
-        (terms.each > 0.5).mean(axis=1), *of_all[:, 1:].T, shipped().of_free_space(signs)[: len(score)],
+        (terms.each > 0.5).mean(axis=1), *of_all[:, 1:].T, signs.of_free_space[: len(score)],
     )  # fmt: skip
     return np.stack(columns, axis=1)
 

@@ -6,7 +6,7 @@ deterministic up to the last bits of floating point numbers.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +16,13 @@ from scipy.optimize import minimize
 from data.common.cli import Parser, run_command
 from data.common.files import write_json
 from data.geometry.se2 import Array
-from data.plans.sources import Split, split_of
+from data.plans.sources import Split
 from data.synthetic_maps.noise_models import DrawnGraph, draw
 from matching.engine.assignment import assign
 from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
 from matching.engine.room_signs import room_signs
 from matching.engine.verdict import SHIPPED, Calibration, Signs, ranked
-from matching.training.slam_maps import placed_maps
 from matching.training.truth import KINDS, ROOMS, Surfaces, generated, right_of, seeds_of, surfaces_of, thinned
 
 NOISE = ("real", "drift", "mis_segmented", "heavy_drift")
@@ -62,12 +61,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--maps", type=int, default=8000, help="number of maps (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="of the maps (default: %(default)s)")
     parser.add_argument("--out", type=Path, default=SHIPPED, metavar="FILE", help="default: the shipped file")
-    parser.add_argument("--slam", type=Path, required=True, metavar="DIR", help="maps of python -m evaluation.maps")
     options = parser.parse_args(arguments)
-    answers = list(answers_on(options.maps, options.seed)), list(answers_by_slam(options.slam, options.seed))
-    command = f"python -m matching.training.calibrate --maps {options.maps} --seed {options.seed} --slam DIR"
+    answers = list(answers_on(options.maps, options.seed))
+    command = f"python -m matching.training.calibrate --maps {options.maps} --seed {options.seed}"
     data = {"plans": f"generated, of the split 'train': {', '.join(KINDS)}", "noise": list(NOISE), "regimes": REGIMES}
-    write_json(options.out, {"command": command, "data": data, **asdict(fit(*answers))})
+    write_json(options.out, {"command": command, "data": data, **asdict(fit(answers))})
     print(f"wrote {options.out}")
     return 0
 
@@ -89,13 +87,6 @@ def answers_on(count: int, seed: int, split: Split = "train") -> Iterator[Answer
             yield _answer(*ranked(found), drawn, regime)
 
 
-def answers_by_slam(folder: Path, seed: int, split: Split = "train") -> Iterator[Answer]:
-    """The answers about maps by SLAM of a split, whose free space is known."""
-    for m, regime, found, signs in placed_maps(folder, np.random.default_rng(seed)):
-        if split_of(m.building) == split:
-            yield Answer(regime, signs, tuple(m.right(found, regime)), (), ())
-
-
 def _answer(found: Hypotheses, signs: Signs, truth: DrawnGraph, regime: str) -> Answer:
     if regime == "foreign":
         return Answer(regime, signs, (False,) * len(found), (), ())
@@ -110,48 +101,32 @@ def _answer(found: Hypotheses, signs: Signs, truth: DrawnGraph, regime: str) -> 
     return Answer(regime, signs, right, tuple(zip(of_rooms, true, strict=True)), surfaces[0])
 
 
-def fit(drawn: Sequence[Answer], by_slam: Sequence[Answer]) -> Calibration:
-    """Fits all models by maximum likelihood: that of free space, which drawn maps do not have, to maps by SLAM."""
-    found = [a for a in drawn if any(a.right)]
-
-    def loss(scale: Array) -> float:
-        a, b, c = np.exp(scale).tolist()
-        return _loss(replace(begun, separation=(a, b, c)), found)
-
-    begun = Calibration(START, SEPARATION, (0.0,), START, START[:2])
-    begun = replace(begun, separation=_rounded(np.exp(minimize(loss, np.log(SEPARATION), method="Nelder-Mead").x)))
-    apart = [a for a in drawn if begun.among(a.signs)[0] > APART]
-    foreign = np.array([a.regime == "foreign" for a in drawn])
-    weight = {True: FOREIGN / foreign.mean(), False: (1 - FOREIGN) / (1 - foreign.mean())}
-    weights = np.array([weight[a.regime == "foreign"] for a in apart])
-    place = logistic(np.array([a.signs.features for a in apart]), np.array([a.right[0] for a in apart]), weights)
-    rooms = [pair for a in drawn for pair in a.rooms]
-    room = logistic(np.array([signs for signs, _ in rooms]), np.array([true for _, true in rooms]))
-    surface = _of_shares([pair for a in drawn for pair in a.surfaces])
-    fitted = Calibration(_rounded(place), begun.separation, (0.0,), _rounded(room), _rounded(surface))
-    return replace(fitted, free_space=_of_free_space(fitted, by_slam))
-
-
-def _loss(model: Calibration, found: Sequence[Answer]) -> float:
-    """Minus the mean logarithm of the probability of the right hypotheses among all."""
-    known = [_of_right(model, a) for a in found]
-    return -float(np.mean(np.log((1 - MISLABELLED) * np.array(known) + MISLABELLED)))
-
-
-def _of_right(model: Calibration, answer: Answer) -> float:
-    """The probability of the right hypotheses among those whose truth is known."""
-    among = model.among(answer.signs)[: len(answer.right)]
-    return float(among[np.array(answer.right)].sum() / among.sum())
-
-
-def _of_free_space(model: Calibration, answers: Sequence[Answer]) -> tuple[float]:
-    """`Calibration.free_space`, given the rest."""
+def fit(answers: Sequence[Answer]) -> Calibration:
+    """Fits all models by maximum likelihood."""
     found = [a for a in answers if any(a.right)]
 
     def loss(scale: Array) -> float:
-        return _loss(replace(model, free_space=(float(np.exp(scale[0])),)), found)
+        known = np.exp([-_surprise(a, np.exp(scale)) for a in found])
+        return -float(np.mean(np.log((1 - MISLABELLED) * known + MISLABELLED)))
 
-    return (round(float(np.exp(minimize(loss, np.zeros(1), method="Nelder-Mead").x[0])), 4),)
+    separation = _rounded(np.exp(minimize(loss, np.log(SEPARATION), method="Nelder-Mead").x))
+    begun = Calibration(START, separation, START, START[:2])
+    apart = [a for a in answers if begun.among(a.signs)[0] > APART]
+    foreign = np.array([a.regime == "foreign" for a in answers])
+    weight = {True: FOREIGN / foreign.mean(), False: (1 - FOREIGN) / (1 - foreign.mean())}
+    weights = np.array([weight[a.regime == "foreign"] for a in apart])
+    place = logistic(np.array([a.signs.features for a in apart]), np.array([a.right[0] for a in apart]), weights)
+    rooms = [pair for a in answers for pair in a.rooms]
+    room = logistic(np.array([signs for signs, _ in rooms]), np.array([true for _, true in rooms]))
+    surface = _of_shares([pair for a in answers for pair in a.surfaces])
+    return Calibration(_rounded(place), separation, _rounded(room), _rounded(surface))
+
+
+def _surprise(answer: Answer, separation: Array) -> float:
+    """Minus the logarithm of the probability of the right hypotheses."""
+    scale = Calibration(START, tuple(separation.tolist()), START, START[:2]).temperature(answer.signs)
+    evidence = answer.signs.evidence[: len(answer.right)] / scale
+    return float(np.logaddexp.reduce(evidence) - np.logaddexp.reduce(evidence[np.array(answer.right)]))
 
 
 def _rounded(of: Array) -> Any:
