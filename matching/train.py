@@ -57,7 +57,10 @@ def main(arguments: list[str] | None = None) -> int:
     out.mkdir(parents=True, exist_ok=True)
     parts = [drawn(split, options.drawn, options.seed, out, options.workers) for split in ("train", "validation")]
     known = {} if options.maps is None else by_building(options.maps, options.seed, out)
-    folds = [Examples.joined([e for b, e in known.items() if fold_of(b) == k]) for k in range(NETWORKS)]
+    folds = [
+        Examples.joined([Examples.of([]), *(e for name, e in known.items() if fold_of(name) == k)])
+        for k in range(NETWORKS)
+    ]
     networks = []
     for k in range(NETWORKS):
         training, checkpoint = JudgeTraining.begin(NETWORKS * options.seed + k), out / f"checkpoint_{k}.pt"

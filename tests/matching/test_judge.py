@@ -33,7 +33,7 @@ def found() -> Hypotheses:
     walls = PlanWalls.of(SMALL)
     assert walls is not None
     drawn = draw(SMALL, "drift", np.random.default_rng(1), 2)
-    return search(scene_of(drawn.s_graph, walls))
+    return ranked(search(scene_of(drawn.s_graph, walls)))[0]
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def examples() -> Examples:
 
 
 def chances(found: Hypotheses) -> np.ndarray:
-    return Judge.load()(*ranked(found))
+    return Judge.load()(found, Signs.of(found))
 
 
 def maps(count: int, rooms: int) -> Iterator[tuple[str, DrawnGraph]]:
@@ -106,18 +106,18 @@ def test_the_trained_network_is_the_one_that_judges(found: Hypotheses, examples:
     torch.manual_seed(3)
     network = JudgeNetwork()
     torch.nn.init.normal_(network.head_2.weight)
-    save_judge(tmp_path / "judge.safetensors", calibrated(network, examples))
+    save_judge(tmp_path / "judge.safetensors", calibrated([network], [examples]))
     placements = placements_of(found, Signs.of(found))
     inputs = (placements.tokens, placements.of, placements.features)
     with torch.no_grad():
         expected = network(*(torch.from_numpy(each) for each in inputs)).numpy()
     assert np.allclose(Judge.load(tmp_path / "judge.safetensors").logits(placements), expected, atol=1e-3)
-    untrained = Judge({name: value.detach().numpy() for name, value in JudgeNetwork().state_dict().items()})
+    untrained = Judge({name: value.numpy()[None] for name, value in JudgeNetwork().state_dict().items()})
     by_evidence = np.array([h.probability for h in Matcher.load("voting").match(as_map(SMALL), SMALL).hypotheses])
     walls = PlanWalls.of(SMALL)
     assert walls is not None
-    whole = search(scene_of(as_map(SMALL), walls))
-    assert np.allclose(untrained(whole, Signs.of(whole)), by_evidence, atol=1e-3)
+    whole = ranked(search(scene_of(as_map(SMALL), walls)))
+    assert np.allclose(untrained(*whole), by_evidence, atol=1e-3)
 
 
 def test_training_resumes_where_it_was(examples: Examples, tmp_path: Path) -> None:
