@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matching.training.judge_data import Examples
 
 PART = 500  # drawn maps of a file
-NETWORKS = 3  # each is trained without a share of the buildings, which calibrate it
+NETWORKS = 3  # each is trained without a share of the buildings, which say how well it is calibrated
 HELD_OUT = 0.15  # drawn maps of the validation split for each one to train with
 REPEATED = 3  # times that a map by SLAM counts: about as much as those that are drawn
 EVERY = 500  # steps between checkpoints
@@ -49,7 +49,7 @@ def main(arguments: list[str] | None = None) -> int:
         import torch
     except ModuleNotFoundError:
         raise UserError("training needs PyTorch; pip install 'sgslam[torch]'") from None
-    from matching.training.judge import JudgeTraining, calibrated, measures, save_judge
+    from matching.training.judge import JudgeTraining, judge_of, log_odds_of, measures, save_judge
     from matching.training.judge_data import Examples
 
     torch.set_num_threads(1)
@@ -73,19 +73,19 @@ def main(arguments: list[str] | None = None) -> int:
             training.save(checkpoint)
             print(f"network {k + 1}  step {training.step}  loss {loss:.4f}", flush=True)
         networks.append(training.network)
-    # drawn maps of the validation split, a share for each network as well
-    drawn_folds = [parts[1][np.arange(k, len(parts[1]), NETWORKS)] for k in range(NETWORKS)]
-    unseen = [Examples.joined(both) for both in zip(drawn_folds, folds, strict=True)]
-    judge = calibrated(networks, unseen)
+    judge = judge_of(networks)
     save_judge(out / "judge.safetensors", judge)
-    of = {"drawn": parts[1], "by SLAM, seen by two of three networks": Examples.joined(folds)}
+    seen = {"drawn": (log_odds_of(judge, parts[1]), parts[1])}
+    if known:
+        # of each building by the network that has not seen it
+        each = [log_odds_of(judge_of([one]), fold) for one, fold in zip(networks, folds, strict=True) if len(fold)]
+        seen["by SLAM, by one network"] = torch.cat(each), Examples.joined(folds)
     card = {
         "what": "judges rival placements of a map in a plan",
         "command": f"{parser.prog} {shlex.join(given)}",
         "parameters": sum(value.size for value in judge.weights.values()),
         "maps": {"drawn": len(parts[0]), "by SLAM": sum(map(len, folds)), "buildings": len(known)},
-        "temperature": judge.temperature,
-        "validation": {name: measures(judge, own) for name, own in of.items() if len(own)},
+        "validation": {name: measures(*of) for name, of in seen.items()},
         "sgslam": build(),
     }
     write_json(out / "judge.json", card)

@@ -23,11 +23,9 @@ SPREAD = 3.0  # by which sums over tokens are divided, beside the root of their 
 
 @dataclass(frozen=True)
 class Judge:
-    """The weights (N, ...) by name, of N networks whose log odds are averaged and divided by `temperature`, which is
-    fitted to maps that the networks have not seen."""
+    """The weights (N, ...) by name, of N networks whose log odds are averaged."""
 
     weights: dict[str, NDArray[np.float32]]
-    temperature: float = 1.0
 
     @staticmethod
     def load(path: Path | str | None = None) -> "Judge":
@@ -38,15 +36,14 @@ class Judge:
         try:
             with safe_open(file, "numpy") as stored:  # type: ignore[no-untyped-call]
                 weights = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118, it is no mapping
-                temperature = float((stored.metadata() or {}).get("temperature", "1.0"))
         except OSError as error:
             raise UserError(f"{file}: cannot be read ({error.strerror or error}); give a judge's weights") from None
         except (SafetensorError, TypeError, ValueError) as error:
             raise UserError(f"{file}: no weights of a judge ({error})") from None
-        count, width = weights["token_1.bias"].shape if "token_1.bias" in weights else (0, 0)
-        if {name: value.shape for name, value in weights.items()} != shapes(count, width):
+        sizes = weights["token_1.bias"].shape if "token_1.bias" in weights else ()
+        if len(sizes) != 2 or {name: value.shape for name, value in weights.items()} != shapes(*sizes):
             raise UserError(f"{file}: of another network or version; python -m matching.train writes a judge")
-        return Judge(weights, temperature)
+        return Judge(weights)
 
     def __call__(self, found: Hypotheses, signs: Signs) -> Array:
         """(K,) the probability of each hypothesis, the likeliest first by evidence; what lacks to 1 is that of none.
@@ -54,7 +51,7 @@ class Judge:
         What the evidence leaves to hypotheses beyond the judged ones stays theirs.
         """
         placements = placements_of(found, signs)
-        judged = probabilities(self.logits(placements) / self.temperature)
+        judged = probabilities(self.logits(placements))
         found_any, listed = judged.sum(), 1.0 - placements.unlisted
         rest = signs.evidence[len(placements) :]
         others = np.full(len(rest), found_any * placements.unlisted / max(len(rest), 1))

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from scipy.optimize import minimize_scalar
 from torch import Tensor, nn
 
 from data.common.files import atomic_file, write_atomically
@@ -140,20 +139,14 @@ class JudgeTraining:
                 losses = []
 
 
-def calibrated(networks: Sequence[JudgeNetwork], held_out: Sequence[Examples]) -> Judge:
-    """The judge of several networks, with the temperature that fits best those maps that each has not seen."""
-    with torch.no_grad():
-        log_odds = torch.cat([network.of(unseen) for network, unseen in zip(networks, held_out, strict=True)])
-    every = Examples.joined(held_out)
-    weights = weights_of(every)
-    best = minimize_scalar(lambda log: loss(log_odds / math.exp(log), every, weights).item(), bounds=(-1.0, 1.5))
+def judge_of(networks: Sequence[JudgeNetwork]) -> Judge:
+    """The judge whose log odds are the means of those of networks."""
     states = [network.state_dict() for network in networks]
-    stacked = {name: torch.stack([state[name] for state in states]).numpy() for name in states[0]}
-    return Judge(stacked, round(math.exp(best.x), 4))
+    return Judge({name: torch.stack([state[name] for state in states]).numpy() for name in states[0]})
 
 
 def log_odds_of(judge: Judge, examples: Examples) -> Tensor:
-    """(P,) of all placements, at the judge's temperature."""
+    """(P,) of all placements."""
     begin = np.concatenate(([0], np.cumsum(examples.sizes)))
     of, first = np.repeat(np.arange(len(examples.sizes)), examples.sizes), np.cumsum(examples.rivals) - examples.rivals
     every = []
@@ -161,7 +154,7 @@ def log_odds_of(judge: Judge, examples: Examples) -> Tensor:
         own = slice(begin[k], begin[k + n])
         tokens = examples.tokens[own].astype(np.float32)
         every.append(judge.logits(Placements(tokens, of[own] - k, examples.features[k : k + n])))
-    return torch.from_numpy(np.concatenate(every)) / judge.temperature
+    return torch.from_numpy(np.concatenate(every))
 
 
 def shares(log_odds: Tensor, examples: Examples) -> Array:
@@ -170,20 +163,19 @@ def shares(log_odds: Tensor, examples: Examples) -> Array:
 
 
 def save_judge(path: Path, judge: Judge) -> None:
-    """Writes the weights, with what calibrates them."""
+    """Writes the weights."""
     from safetensors.numpy import save
 
-    write_atomically(path, save(dict(judge.weights), {"temperature": str(judge.temperature)}))
+    write_atomically(path, save(dict(judge.weights)))
 
 
-def measures(judge: Judge, examples: Examples, sure: float = 0.99) -> dict[str, float]:
-    """Of examples, with the judge and by evidence alone: the shares that are decided, and how many of these are
+def measures(log_odds: Tensor, examples: Examples, sure: float = 0.99) -> dict[str, float]:
+    """Of examples, with log odds (P,) and by evidence alone: the shares that are decided, and how many of these are
     wrong, of which foreign."""
-    judged = log_odds_of(judge, examples)
     by_evidence = torch.from_numpy(examples.features[:, :SKIPPED].sum(axis=1))
     found: dict[str, float] = {"maps": len(examples), "foreign": int(examples.foreign.sum())}
-    for name, log_odds in (("judge", judged), ("evidence", by_evidence)):
-        share = shares(log_odds, examples)
+    for name, each in (("judge", log_odds), ("evidence", by_evidence)):
+        share = shares(each, examples)
         best = best_of(share, examples)
         decided, right = share[best] >= sure, examples.right[best]
         found |= {

@@ -19,7 +19,7 @@ from matching.engine.verdict import Signs, ranked
 from matching.judge import Judge, judge, placements_of
 from matching.result import MatchResult
 from matching.train import main
-from matching.training.judge import JudgeNetwork, JudgeTraining, calibrated, save_judge
+from matching.training.judge import JudgeNetwork, JudgeTraining, judge_of, save_judge
 from matching.training.judge_data import Examples, drawn_examples
 from matching.training.slam_maps import MapInPlan
 from matching.training.truth import RIGHT_M, generated, seeds_of
@@ -106,7 +106,7 @@ def test_the_trained_network_is_the_one_that_judges(found: Hypotheses, examples:
     torch.manual_seed(3)
     network = JudgeNetwork()
     torch.nn.init.normal_(network.head_2.weight)
-    save_judge(tmp_path / "judge.safetensors", calibrated([network], [examples]))
+    save_judge(tmp_path / "judge.safetensors", judge_of([network]))
     placements = placements_of(found, Signs.of(found))
     inputs = (placements.tokens, placements.of, placements.features)
     with torch.no_grad():
@@ -146,6 +146,6 @@ def test_the_command_trains_on_maps_of_files_too(tmp_path: Path) -> None:
         assert MapInPlan.load(own / f"{kind}.map.json") == written
     words = ["--out", str(tmp_path / "run"), "--maps", str(own), "--drawn", "8", "--steps", "2", "--workers", "1"]
     assert main(words) == 0
-    assert Judge.load(tmp_path / "run" / "judge.safetensors").temperature > 0
+    assert Judge.load(tmp_path / "run" / "judge.safetensors")
     (own / "corridor.map.json").write_text("{}")
     assert "no map of python -m evaluation.maps" in refused("matching.train", *words, "--seed", "1")
