@@ -36,8 +36,8 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the run")
     parser.add_argument("--maps", type=Path, metavar="DIR", help="maps by SLAM that python -m evaluation.maps wrote")
-    parser.add_argument("--drawn", type=int, default=24_000, metavar="N", help="maps to draw (default: %(default)s)")
-    parser.add_argument("--steps", type=int, default=4_000, metavar="N", help="of each network (default: %(default)s)")
+    parser.add_argument("--drawn", type=int, default=9_000, metavar="N", help="maps to draw (default: %(default)s)")
+    parser.add_argument("--steps", type=int, default=3_000, metavar="N", help="of each network (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="of weights and data (default: %(default)s)")
     parser.add_argument(
         "--workers", type=int, default=2, metavar="N", help="processes that draw (default: %(default)s)"

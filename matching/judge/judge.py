@@ -1,8 +1,8 @@
 """`Judge`: the network that judges placements, in numpy; `matching.training.judge` trains it.
 
 A network on sets (M. Zaheer et al.: Deep Sets, 2017): each token passes a small network, the sums and means over each
-placement's tokens, with its features, another. The result is added to the log odds that the evidence gives. A softmax
-over all placements and "none of them", whose log odds are 0, gives the probabilities.
+placement's tokens, with its features, another. The result is added to the log odds that the evidence gives. They are
+trained by a softmax over all placements and "none of them", whose log odds are 0.
 """
 
 from dataclasses import dataclass
@@ -10,11 +10,12 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import softmax
 
 from data.common.errors import UserError
 from data.geometry.se2 import Array
 from matching.engine.hypotheses import Hypotheses
-from matching.engine.verdict import Signs
+from matching.engine.verdict import Signs, shipped
 from matching.judge.placements import PLACEMENT, SKIPPED, TOKEN, Placements, placements_of
 
 SHIPPED = Path(__file__).parents[1] / "weights" / "judge.safetensors"
@@ -48,14 +49,17 @@ class Judge:
     def __call__(self, found: Hypotheses, signs: Signs) -> Array:
         """(K,) the probability of each hypothesis, the likeliest first by evidence; what lacks to 1 is that of none.
 
-        What the evidence leaves to hypotheses beyond the judged ones stays theirs.
+        The networks say how likely each is among all. The map is in the plan as probably as the surer of them and of
+        the evidence says: of buildings unlike those that they saw the networks know less. What the evidence leaves to
+        hypotheses beyond the judged ones stays theirs.
         """
         placements = placements_of(found, signs)
-        judged = probabilities(self.logits(placements))
-        found_any, listed = judged.sum(), 1.0 - placements.unlisted
-        rest = signs.evidence[len(placements) :]
-        others = np.full(len(rest), found_any * placements.unlisted / max(len(rest), 1))
-        return np.concatenate((judged * listed, others))
+        *judged, none = softmax([*self.logits(placements), 0.0])
+        among, rest = np.array(judged) / (1 - none), len(signs.evidence) - len(placements)
+        spread = np.full(rest, placements.unlisted / max(rest, 1))
+        among = np.concatenate((among * (1.0 - placements.unlisted), spread))
+        by_evidence = shipped().in_plan(signs[np.array([among.argmax()])])
+        return max(1.0 - none, by_evidence) * among
 
     def logits(self, placements: Placements) -> Array:
         """(K,) log odds of each placement against none."""
@@ -84,10 +88,3 @@ def shapes(count: int, width: int) -> dict[str, tuple[int, ...]]:
     ):  # fmt: skip
         found |= {f"{name}.weight": (count, *size), f"{name}.bias": (count, size[0])}
     return found
-
-
-def probabilities(log_odds: Array) -> Array:
-    """(K,) the softmax of log odds (K,) and of 0, that of none."""
-    most = max(float(log_odds.max()), 0.0)
-    likely = np.exp(log_odds - most)
-    return np.asarray(likely / (likely.sum() + np.exp(-most)))
