@@ -71,7 +71,7 @@ def maps_of(building: str, work: Path) -> Iterator[tuple[SceneGraph, Array]]:
 
 def answers(maps: dict[str, list[tuple[SceneGraph, Array]]]) -> Iterator[tuple[list[float], bool]]:
     """The features of the model for each map in each other one, and whether the best place is right."""
-    rng, matcher = np.random.default_rng(0), Matcher.load()
+    rng, matcher = np.random.default_rng(0), Matcher.load("voting")
     for building, own in maps.items():
         others = [one for name, of in maps.items() if name != building for one in of]
         for k, (s, T_bim_s) in enumerate(own):

@@ -56,6 +56,12 @@ class Matcher:
             raise UserError(f"the matching method '{name}' takes no weights; {', '.join(WITH_WEIGHTS)} do")
         return Matcher(methods[name]())
 
+    def without_judge(self) -> "Matcher":
+        """The same method, decided by the evidence alone."""
+        from matching.engine import GeometricMatcher
+
+        return Matcher(GeometricMatcher()) if isinstance(self._method, GeometricMatcher) else self
+
     def match(
         self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
     ) -> MatchResult:

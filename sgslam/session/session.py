@@ -156,7 +156,7 @@ class Session:
         """(4, 4) a part of the run in the frame of a plan, None if it has no one place there. A plan that `is_prior`
         may lack rooms."""
         assert plan is not None
-        anchoring = BuildingAnchoring(plan, self.matcher_in_use, self._config, partial=is_prior)
+        anchoring = BuildingAnchoring(plan, self._matcher_for(is_prior), self._config, partial=is_prior)
         anchors = anchoring.update(part.floors, None, last=True)
         return None if anchors is None else anchoring.bim_from_map(anchors.T_map_local)
 
@@ -166,8 +166,15 @@ class Session:
         self.matcher = self.matcher or Matcher.load(self._config.matching.method)
         return self.matcher
 
+    def _matcher_for(self, is_prior: bool) -> AnyMatcher:
+        """That in use; in the map of an earlier run without the judge, since it was trained on plans, which lack no
+        rooms, and how probable a place there is was fitted to the evidence alone (`in_known_map`)."""
+        if is_prior and isinstance(self.matcher_in_use, Matcher):
+            return self.matcher_in_use.without_judge()
+        return self.matcher_in_use
+
     def _anchored_in(self, plan: SceneGraph | None, is_prior: bool) -> BuildingAnchoring | None:
         if plan is None:
             return None
         start = self._start if self.prior is None else None  # a prior map has floors of its own
-        return BuildingAnchoring(plan, self.matcher_in_use, self._config, start, partial=is_prior)
+        return BuildingAnchoring(plan, self._matcher_for(is_prior), self._config, start, partial=is_prior)
