@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from matching.published.matcher import PaperMatcher
 
 Method = Union[CombinatorialMatcher, "GeometricMatcher", "PaperMatcher"]
-DEFAULT = "learned"  # the method of runs, and of commands that are given none
+DEFAULT = "voting"  # the method of runs, and of commands that are given none
 WITH_WEIGHTS = ("learned", "paper")
 
 
