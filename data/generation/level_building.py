@@ -10,13 +10,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+import ifcopenshell
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from data.generation.demo_building import CLEAR_HEIGHT, GROUND, STAIRWELL, UPPER, drawn_demo_building, tidied
+from data.generation.demo_building import DEMO_FILE
 from data.generation.plan_mesh import DOORWAY, LINTEL, SLAB, drawn_storey
 from data.geometry.areas import Area, largest, overlap, polygons_of
+from data.ifc.graph import read_ifc
 from data.ifc.writer import IfcWriter, Matrix, Prism, placed
 from data.scene_graph import SceneGraph
 
@@ -57,7 +59,7 @@ def write_level_building(plan: SceneGraph, path: Path | str, seed: int, levels: 
     rooms."""
     rng = np.random.default_rng([seed, 65])
     storey, height = drawn_storey(plan), float(rng.uniform(*(HIGH if levels.high else HEIGHTS)))
-    writer = IfcWriter(f"Levels {seed}", {STOREY: 0.0})
+    writer = IfcWriter.begun(f"Levels {seed}", {STOREY: 0.0})
     for part in shapely.get_parts(storey.walls):
         pierced = part.difference(storey.doorways)
         writer.element("IfcWall", "Wall", STOREY, [*prisms(pierced, 0.0, LINTEL), *prisms(part, LINTEL, height)])
@@ -77,17 +79,14 @@ def write_level_building(plan: SceneGraph, path: Path | str, seed: int, levels: 
 
 def write_level_demo(path: Path | str, seed: int, levels: Levels = PLAIN) -> None:
     """Writes the demo's two storeys, which a stair joins, with features in all rooms but the stair's."""
-    rng, writer = np.random.default_rng([seed, 66]), drawn_demo_building()
-    for storey in (GROUND, UPPER):
-        rooms = [room for room in storey.room_areas().values() if not room.intersects(shapely.box(*STAIRWELL))]
-        doors = [
-            shapely.Point(
-                (door.middle, wall.start[1]) if wall.start[1] == wall.end[1] else (wall.start[0], door.middle)
-            )
-            for wall in storey.walls
-            for door in wall.doors
-        ]
-        _add_levels(writer, storey.name, rooms, doors, CLEAR_HEIGHT, rng, levels)
+    rng, writer = np.random.default_rng([seed, 66]), IfcWriter(ifcopenshell.open(DEMO_FILE))
+    plan, _ = read_ifc(DEMO_FILE)
+    for floor in plan.floors:
+        rooms = [room for room in plan.rooms if room.floor == floor.id and room.polygon is not None]
+        ids = {room.id for room in rooms}
+        doors = [shapely.Point(np.round(door.centroid, 3)) for door in plan.doors if ids.intersection(door.rooms)]
+        areas = [tidied(shapely.Polygon(room.polygon)) for room in rooms if not room.name.endswith("Stairs")]
+        _add_levels(writer, floor.name, areas, doors, HEIGHTS[0], rng, levels)
     writer.save(path)
 
 
@@ -151,6 +150,11 @@ def _wedge(area: Area, upward: Vec) -> tuple[Prism, Matrix]:
     T[:3, :3] = [[upward[0], 0.0, -across[0]], [upward[1], 0.0, -across[1]], [0.0, 1.0, 0.0]]
     T[:2, 3] = begin * upward + left * across
     return Prism(((0.0, 0.0), (end - begin, 0.0), (end - begin, RISES["ramp"])), 0.0, left - right), T
+
+
+def tidied(area: shapely.Polygon) -> shapely.Polygon:
+    """Returns the polygon in whole millimetres, without redundant corners, starting at a well-defined corner."""
+    return shapely.normalize(shapely.set_precision(area, 0.001).simplify(0.0005))
 
 
 def prisms(area: Area, low: float, high: float) -> list[Prism]:
