@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from shapely.geometry.polygon import orient
 
 from data.common.errors import UserError
-from data.generation.level_building import STOREY, prisms
-from data.generation.plan_mesh import DOORWAY, LINTEL
+from data.generation.level_building import DOORWAY, LINTEL, STOREY, prisms
 from data.geometry.areas import Area, closed, difference, united
 from data.geometry.intervals import common, without
 from data.ifc.writer import IfcWriter, Prism, box, placed

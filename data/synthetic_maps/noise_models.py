@@ -17,7 +17,7 @@ of the box of its surfaces; names, sources, heights and ids of the plan are miss
 origin and heading are those of a robot that started somewhere in one of the rooms.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -102,6 +102,21 @@ def draw(
             return drawn
 
 
+def perfect_map(a: SceneGraph, rooms: Collection[str]) -> DrawnGraph:
+    """Returns a noise-free map of some rooms of one storey (at least one), in the A-graph's frame and with its ids."""
+    part = SceneGraph(
+        "map",
+        tuple(r for r in a.rooms if r.id in rooms),
+        tuple(w for w in a.wall_surfaces if w.room in rooms),
+        tuple(d for d in a.doors if len(d.rooms) > 1 and set(rooms).issuperset(d.rooms)),
+    )
+    own, still = {r.id: r.id for r in part.rooms}, (0.0, 0.0, 0.0)
+    floor = next((r.floor or w.floor for r in part.rooms for w in a.surfaces_of_room[r.id]), part.rooms[0].floor)
+    return DrawnGraph(
+        part, own, {w.id: w.id for w in part.wall_surfaces}, still, dict.fromkeys(own, still), floor, False
+    )
+
+
 def _choose(a: SceneGraph, floor: str | None, rng: np.random.Generator) -> Storey:
     storeys = storeys_of(a)
     if not storeys:
@@ -128,12 +143,8 @@ def _paper(storey: Storey, rng: np.random.Generator) -> DrawnGraph:
 def draw_walk(
     storey: Storey, walked: Walk, noise: str, rng: np.random.Generator, levels: NoiseLevels = USUAL
 ) -> DrawnGraph:
-    """Draws the S-graph of a walk through a storey; rooms without any observation are not in it.
-
-    Raises UserError for an unknown noise model, and for `paper`, which has no walk.
-    """
-    if noise not in NOISE_MODELS[1:]:
-        raise UserError(f"no noise model '{noise}' of S-graphs of a walk; there are: {', '.join(NOISE_MODELS[1:])}")
+    """Draws the S-graph of a walk through a storey with any noise but that of `paper`; rooms without any observation
+    are not in it."""
     map_rooms = rooms_as_entered(storey, walked, observe_walls(storey, np.array(walked.rooms), rng, levels))
     map_rooms = some_doors_missed(map_rooms, rng)
     deformed = noise != "real"

@@ -18,7 +18,7 @@ import numpy as np
 import shapely
 from shapely.geometry import mapping
 
-from data.generation.plan_mesh import extruded
+from data.generation.level_building import extruded
 from data.geometry.areas import difference, united
 from data.ifc.writer import IfcWriter, Prism, box
 from data.plans.bim import load_bim
