@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO
 
-from data.bags import Record, mcap_records, reason
-from data.common.errors import UnreadableScanError, UserError
+from data.bags import Record, mcap_records
+from data.common.errors import UnreadableScanError, UserError, reason
 from data.common.files import natural_key
 from data.scans import Scan
 from data.scans.bags import CLOUDS, is_lidar, read_cloud

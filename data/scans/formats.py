@@ -16,7 +16,7 @@ import lzf
 import numpy as np
 from numpy.typing import NDArray
 
-from data.common.errors import MissingReaderError, UnreadableScanError
+from data.common.errors import MissingReaderError, UnreadableScanError, reason
 from data.scans.point_times import time_field
 
 Points = NDArray[np.floating]
@@ -52,15 +52,12 @@ def read_timed(path: Path) -> tuple[Points, Times]:
     """
     try:
         points, times = READERS[path.suffix.lower()](path)
-    except MissingReaderError:
-        raise
-    except UnreadableScanError:
+    except (MissingReaderError, UnreadableScanError):
         raise
     except FileNotFoundError:
         raise UnreadableScanError("the file is gone") from None
     except Exception as error:  # parsers raise anything on garbage; one bad scan must not end a run
-        lines = str(error).splitlines() or [""]
-        raise UnreadableScanError(f"{type(error).__name__}: {lines[0][:120]}") from None
+        raise UnreadableScanError(reason(error)) from None
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
         raise UnreadableScanError("its points are not three numbers each")
     return points, times if times is not None and times.shape == (len(points),) else None
