@@ -40,6 +40,11 @@ _FEWEST = 300  # values: fewer say nothing about the width
 _SEEN = 60_000  # values that are looked at, a multiple of each width
 
 
+def is_scan(path: Path) -> bool:
+    """Whether a file is a scan by its name; hidden ones are not."""
+    return path.suffix.lower() in READERS and not path.name.startswith(".")
+
+
 def read_points(path: Path) -> Points:
     """Returns the points (N, 3) of `read_timed`."""
     return read_timed(path)[0]

@@ -27,6 +27,7 @@ from data.common.errors import UserError
 from data.geometry import se2
 from data.geometry.se2 import Array, fit_to_lines
 from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface, Xy
+from data.scene_graph.nodes import xy_of
 from data.synthetic_maps.exploration import Index, Storey, Walk, storeys_of, walk
 from data.synthetic_maps.wall_noise import (
     USUAL,
@@ -192,13 +193,13 @@ def _built(
     for home, name in names.items():
         mine = map_rooms.home == home
         place = _box_centre(centre[mine], arm[mine]) if places is None else places[home]
-        rooms.append(Room(name, _xy(place), FLOOR_ID))
+        rooms.append(Room(name, xy_of(place), FLOOR_ID))
     order = rng.permutation(len(seen))
     heading = seen.heading + T[:, 0]
     normal = np.stack((np.cos(heading), np.sin(heading)), axis=-1)
     walls = tuple(
         WallSurface(
-            f"W{n}", names.get(int(map_rooms.home[k])), _xy(centre[k]), _xy(normal[k]),
+            f"W{n}", names.get(int(map_rooms.home[k])), xy_of(centre[k]), xy_of(normal[k]),
             None if np.isnan(seen.length[k]) else float(seen.length[k]), FLOOR_ID,
         )
         for n, k in enumerate(order)
@@ -219,7 +220,7 @@ def _doors(
     for door in map_rooms.doors:
         if all(r in names for r in door.rooms):
             place = se2.apply(motions[door.seen_from], door.place) + sigma * rng.normal(size=2)
-            found.append((tuple(sorted(names[r] for r in door.rooms)), _xy(place)))
+            found.append((tuple(sorted(names[r] for r in door.rooms)), xy_of(place)))
     return tuple(Door(f"D{n}", rooms, place) for n, (rooms, place) in enumerate(sorted(found)))
 
 
@@ -237,10 +238,6 @@ def _box_centre(centre: Array, arm: Array) -> Array:
     grid = float(np.arctan2(longest[1], longest[0]))
     ends = se2.rotate(-grid, np.concatenate((centre + arm, centre - arm)))
     return se2.rotate(grid, (ends.min(axis=0) + ends.max(axis=0)) / 2)
-
-
-def _xy(point: Array) -> Xy:
-    return float(point[0]), float(point[1])
 
 
 def _triple(T: Array) -> Motion:
