@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 from urllib.parse import quote
 
-from data.common.errors import UserError
+from data.common.errors import UserError, reason
 from data.common.files import natural_key
 
 LARGEST_RECORD = 1 << 30  # bytes: writers make chunks of some MB
@@ -224,12 +224,6 @@ def decoded(data: bytes, msgtype: str, is_cdr: bool) -> Any:
     """
     types = _types(is_cdr)
     return types.deserialize_cdr(data, msgtype) if is_cdr else types.deserialize_ros1(data, msgtype)
-
-
-def reason(error: Exception) -> str:
-    """What a library says of bytes that it cannot read, in a line."""
-    first = (str(error).splitlines() or [""])[0][:120]
-    return f"{type(error).__name__}: {first}" if first else type(error).__name__
 
 
 @cache

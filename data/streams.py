@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO
 
-from data.bags import Record, mcap_records, reason
-from data.common.errors import UnreadableScanError, UserError
+from data.bags import Record, mcap_records
+from data.common.errors import UnreadableScanError, UserError, reason
 from data.common.files import natural_key
 from data.scans import Scan
 from data.scans.bags import CLOUDS, is_lidar, read_cloud
-from data.scans.formats import READERS, read_timed
+from data.scans.formats import is_scan, read_timed
 from data.scans.point_times import GAP_NS, Stamped, StampRule, TurnTimes
 from data.scans.scan import SkippedScan, finished
 from data.trajectory.stamps import NOTE_INDICES, SCAN_PERIOD_NS, ns_to_seconds, seconds_to_ns, stamp_of
@@ -156,7 +156,7 @@ class GrowingFolder(ScanStream):
     def _arrivals(self) -> Iterator[Arrival]:
         while not self.stop.wait(_WAIT):
             new = set(os.listdir(self.path)) - self._known
-            files = sorted((self.path / name for name in new if _is_scan(name)), key=_order)
+            files = sorted(filter(is_scan, (self.path / name for name in new)), key=_order)
             for file in files:
                 is_left = file is not files[-1]
                 stamp_ns = self._stamps.stamp_ns(self._index, file) if _is_complete(file, is_left) else None
@@ -182,10 +182,6 @@ class GrowingFolder(ScanStream):
             yield Arrival(finished(index, stamp_ns, points, times, file, stamped=self.stamped), came_s)
         except UnreadableScanError as error:
             self._skip(index, file, f"{error} (stamp {ns_to_seconds(stamp_ns)} s)")
-
-
-def _is_scan(name: str) -> bool:
-    return not name.startswith(".") and Path(name).suffix.lower() in READERS
 
 
 def _is_complete(file: Path, is_left: bool) -> bool:

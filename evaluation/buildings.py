@@ -88,7 +88,7 @@ def building_file(name: str, work: Path) -> tuple[Path, str]:
         return _wall_building(building.bim.removeprefix(WALLS), work), STOREY
     if not building.bim.startswith(GENERATED):
         return Path(building.bim), building.storey or ""
-    from data.generation.plan_mesh import write_plan_mesh
+    from data.generation.level_building import write_plan_mesh
 
     path = work / f"{building.bim.removeprefix(GENERATED)}.stl"
     with locked(path):

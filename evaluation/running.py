@@ -10,8 +10,8 @@ from pathlib import Path
 from time import monotonic
 
 from data.common.build import content_hash
-from data.common.cluster import completed
 from data.common.errors import UserError
+from data.common.processes import completed
 from evaluation.rows import FAILED, Provenance, Row, appending, finish, read_rows, rows_path
 from evaluation.study import Case, Options, Record, Study, load_study
 
@@ -34,7 +34,7 @@ def run_study(study: Study, options: Options, place: Place, command: str, whole:
 
     Rows of this build are kept, so that an interrupted run can be repeated; failed ones are computed again. Cases that
     read files which are not there are skipped. With `whole`, rows of cases that are no longer listed are dropped.
-    Raises UserError as the study does, and as `data.common.cluster` does.
+    Raises UserError as the study does, and as `data.common.processes` does.
     """
     path, part = rows_path(place.rows, study.name), rows_path(place.rows, f"{study.name}.part")
     wanted = _present(study, study.cases(options))

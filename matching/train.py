@@ -11,10 +11,10 @@ import numpy as np
 
 from data.common.build import build
 from data.common.cli import Parser, run_command
-from data.common.cluster import completed
 from data.common.errors import UserError
 from data.common.files import write_json
-from data.plans.sources import Split, split_of
+from data.common.processes import completed
+from data.plans.bim import Split, split_of
 
 if TYPE_CHECKING:
     from matching.training.judge_data import Examples

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from data.bags import is_bag
 from data.common.errors import UnreadableScanError, UserError
-from data.scans.formats import READERS, read_points
+from data.scans.formats import is_scan, read_points
 from data.scans.scan import ScanSource
 from data.scans.sources import open_scans
 from data.trajectory import Trajectory
@@ -99,7 +99,7 @@ def _defect(path: Path) -> str | None:
 
 
 def _defect_of_scans(folder: Path) -> str | None:
-    scans = [path for path in folder.iterdir() if path.suffix.lower() in READERS and not path.name.startswith(".")]
+    scans = list(filter(is_scan, folder.iterdir()))
     if not scans:
         return "no scans in it"
     smallest = min(scans, key=lambda path: path.stat().st_size)

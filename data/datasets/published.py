@@ -21,7 +21,7 @@ from data.geometry.poses import xyzquat_to_poses
 from data.plans.mesh_plan import read_mesh
 from data.scans import ScanFolder
 from data.scans.bags import BagScans
-from data.scans.formats import READERS
+from data.scans.formats import is_scan
 from data.scans.sources import open_scans
 from data.trajectory import Trajectory
 from data.trajectory.stamps import NS, ns_to_seconds, seconds_to_ns
@@ -198,7 +198,7 @@ class Slabim(DataSet):
 
     def _scans(self, points: Path) -> dict[Path, int]:
         """The scans in order with their stamps (ns). Raises UserError."""
-        scans = [p for p in (points / "data").iterdir() if p.suffix.lower() in READERS and not p.name.startswith(".")]
+        scans = list(filter(is_scan, (points / "data").iterdir()))
         stamps = _stamps(points / "timestamps.txt")
         if len(stamps) != len(scans):
             raise UserError(f"{points / 'timestamps.txt'}: {len(stamps)} stamps for {len(scans)} scans")

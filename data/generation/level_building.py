@@ -1,5 +1,6 @@
-"""Buildings whose floors and ceilings lie at several heights, as IFC files: suspended ceilings over all or half of a
-room, platforms, raised floors, ramps, galleries.
+"""A plan as a mesh that can be driven through: rooms between walls, doorways under lintels, floor and ceiling; or as an
+IFC file whose floors and ceilings lie at several heights: suspended ceilings over all or half of a room, platforms,
+raised floors, ramps, galleries.
 
 The same plan and seed give the same building. A plan that is not as built is the same building written with other
 `Levels`: with a kind missing, or with the ceilings at another height.
@@ -10,19 +11,28 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+import ifcopenshell
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from shapely.ops import nearest_points
 
-from data.generation.demo_building import CLEAR_HEIGHT, GROUND, STAIRWELL, UPPER, drawn_demo_building, tidied
-from data.generation.plan_mesh import DOORWAY, LINTEL, SLAB, drawn_storey
-from data.geometry.areas import Area, largest, overlap, polygons_of
+from data.common.errors import UserError
+from data.generation.demo_building import DEMO_FILE
+from data.geometry.areas import Area, largest, overlap, polygons_of, triangles_of, united
+from data.ifc.graph import read_ifc
 from data.ifc.writer import IfcWriter, Matrix, Prism, placed
-from data.scene_graph import SceneGraph
+from data.scene_graph import Door, SceneGraph
 
 Rng = np.random.Generator
-Vec = NDArray[np.float64]  # (2,)
+Array = NDArray[np.float64]
 Kind = Literal["ceiling", "platform", "raised floor", "ramp", "gallery"]
+OUTER = 0.3  # m, thickness of outer walls; walls between rooms are at most twice as thick
+SLAB = 0.2  # m
+HEIGHT = 2.75  # m, of a room
+LINTEL = 2.1  # m, clear height of a doorway
+DOORWAY = 0.9  # m wide
+REACH = 0.05  # m that a doorway's outline reaches into the rooms
 STOREY = "Ground floor"
 HEIGHTS = (2.9, 3.4)  # m, clear, of rooms without galleries
 HIGH = (5.2, 6.0)  # m: with galleries
@@ -35,6 +45,78 @@ CLEAR = 1.1  # m between a door and what rises from the floor
 SMALLEST = 8.0  # m2: of a room whose floor is not level
 LEAF = 0.04  # m
 SLIVER = 1e-3  # m2
+
+
+def write_plan_mesh(graph: SceneGraph, path: Path | str) -> None:
+    """Writes the first floor of a plan whose rooms have polygons as a mesh in its own frame, with the floor at 0.
+
+    Raises UserError for a plan without rooms.
+    """
+    import trimesh
+
+    triangles = plan_triangles(graph)
+    trimesh.Trimesh(**trimesh.triangles.to_kwargs(triangles)).export(Path(path))
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnStorey:
+    """The first storey of a plan in plan view: its rooms by id, its outline, the walls between them, and the lines
+    through its doors, from room to room."""
+
+    rooms: dict[str, Area]
+    outline: Area
+    walls: Area
+    doors: tuple[shapely.LineString, ...]
+
+    @property
+    def doorways(self) -> Area:
+        """The parts of the walls that are open under a lintel."""
+        return united(line.buffer(DOORWAY / 2, cap_style="flat") for line in self.doors)
+
+
+def drawn_storey(graph: SceneGraph) -> DrawnStorey:
+    """The first storey of a plan whose rooms have polygons. Raises UserError for a plan without rooms."""
+    floor = graph.floors[0].id if graph.floors else None
+    rooms = {r.id: shapely.Polygon(r.polygon) for r in graph.rooms if r.polygon is not None and r.floor == floor}
+    if not rooms:
+        raise UserError(f"{graph.frame}: a plan without rooms; give one whose rooms have outlines")
+    inside = united(list(rooms.values()))
+    outline = inside.buffer(OUTER, join_style="mitre")
+    lines = (_through(door, rooms) for door in graph.doors)
+    return DrawnStorey(rooms, outline, outline.difference(inside), tuple(line for line in lines if line is not None))
+
+
+def plan_triangles(graph: SceneGraph) -> Array:
+    """(M, 3, 3) the triangles of `write_plan_mesh`, turned outwards. Raises UserError for a plan without rooms."""
+    storey = drawn_storey(graph)
+    outline, walls = storey.outline, storey.walls
+    parts = [
+        extruded(outline, -SLAB, 0.0),
+        extruded(walls.difference(storey.doorways), 0.0, LINTEL),
+        extruded(walls, LINTEL, HEIGHT),
+        extruded(outline, HEIGHT, HEIGHT + SLAB),
+    ]
+    return np.concatenate(parts)
+
+
+def _through(door: Door, rooms: dict[str, Area]) -> shapely.LineString | None:
+    """The line through the wall between a door's two rooms, None for any other door."""
+    joined = [rooms[name] for name in door.rooms if name in rooms]
+    if len(joined) != 2:
+        return None
+    ends = np.array([nearest_points(room, shapely.Point(door.centroid))[0].coords[0] for room in joined])
+    across = (ends[1] - ends[0]) / max(float(np.linalg.norm(ends[1] - ends[0])), 1e-6)
+    return shapely.LineString([ends[0] - REACH * across, ends[1] + REACH * across])
+
+
+def extruded(area: Area, low: float, high: float) -> Array:
+    """(M, 3, 3) the surface of a body with this outline from a lower to an upper height, turned outwards."""
+    import trimesh
+
+    corners = triangles_of(area).reshape(-1, 2)
+    vertices, faces = np.unique(corners, axis=0, return_inverse=True)
+    body = trimesh.creation.extrude_triangulation(vertices, faces.reshape(-1, 3), high - low)
+    return np.asarray(body.triangles) + np.array([0.0, 0.0, low])
 
 
 @dataclass(frozen=True)
@@ -57,7 +139,7 @@ def write_level_building(plan: SceneGraph, path: Path | str, seed: int, levels: 
     rooms."""
     rng = np.random.default_rng([seed, 65])
     storey, height = drawn_storey(plan), float(rng.uniform(*(HIGH if levels.high else HEIGHTS)))
-    writer = IfcWriter(f"Levels {seed}", {STOREY: 0.0})
+    writer = IfcWriter.begun(f"Levels {seed}", {STOREY: 0.0})
     for part in shapely.get_parts(storey.walls):
         pierced = part.difference(storey.doorways)
         writer.element("IfcWall", "Wall", STOREY, [*prisms(pierced, 0.0, LINTEL), *prisms(part, LINTEL, height)])
@@ -77,17 +159,14 @@ def write_level_building(plan: SceneGraph, path: Path | str, seed: int, levels: 
 
 def write_level_demo(path: Path | str, seed: int, levels: Levels = PLAIN) -> None:
     """Writes the demo's two storeys, which a stair joins, with features in all rooms but the stair's."""
-    rng, writer = np.random.default_rng([seed, 66]), drawn_demo_building()
-    for storey in (GROUND, UPPER):
-        rooms = [room for room in storey.room_areas().values() if not room.intersects(shapely.box(*STAIRWELL))]
-        doors = [
-            shapely.Point(
-                (door.middle, wall.start[1]) if wall.start[1] == wall.end[1] else (wall.start[0], door.middle)
-            )
-            for wall in storey.walls
-            for door in wall.doors
-        ]
-        _add_levels(writer, storey.name, rooms, doors, CLEAR_HEIGHT, rng, levels)
+    rng, writer = np.random.default_rng([seed, 66]), IfcWriter(ifcopenshell.open(DEMO_FILE))
+    plan, _ = read_ifc(DEMO_FILE)
+    for floor in plan.floors:
+        rooms = [room for room in plan.rooms if room.floor == floor.id and room.polygon is not None]
+        ids = {room.id for room in rooms}
+        doors = [shapely.Point(np.round(door.centroid, 3)) for door in plan.doors if ids.intersection(door.rooms)]
+        areas = [tidied(shapely.Polygon(room.polygon)) for room in rooms if not room.name.endswith("Stairs")]
+        _add_levels(writer, floor.name, areas, doors, HEIGHTS[0], rng, levels)
     writer.save(path)
 
 
@@ -129,7 +208,7 @@ def _add_levels(
             writer.element("IfcRamp", kind, storey, [body], T_storey_ramp)
 
 
-def _end_of(room: Area, share: float, doors: Sequence[shapely.Point]) -> tuple[Area, Vec]:
+def _end_of(room: Area, share: float, doors: Sequence[shapely.Point]) -> tuple[Area, Array]:
     """The end of a room, a share of its length, that is farther from the doors, and the direction (2,) to it."""
     corners = np.asarray(shapely.oriented_envelope(room).exterior.coords)[:4]
     sides = [corners[1] - corners[0], corners[3] - corners[0]]
@@ -141,7 +220,7 @@ def _end_of(room: Area, share: float, doors: Sequence[shapely.Point]) -> tuple[A
     return max(ends, key=lambda end: min((end[0].distance(door) for door in doors), default=0.0))
 
 
-def _wedge(area: Area, upward: Vec) -> tuple[Prism, Matrix]:
+def _wedge(area: Area, upward: Array) -> tuple[Prism, Matrix]:
     """A wedge over a rectangle: a triangle that is extruded across it, and its place in the storey: x along the ramp, y
     up, z to the right."""
     across = np.array([-upward[1], upward[0]])
@@ -151,6 +230,11 @@ def _wedge(area: Area, upward: Vec) -> tuple[Prism, Matrix]:
     T[:3, :3] = [[upward[0], 0.0, -across[0]], [upward[1], 0.0, -across[1]], [0.0, 1.0, 0.0]]
     T[:2, 3] = begin * upward + left * across
     return Prism(((0.0, 0.0), (end - begin, 0.0), (end - begin, RISES["ramp"])), 0.0, left - right), T
+
+
+def tidied(area: shapely.Polygon) -> shapely.Polygon:
+    """Returns the polygon in whole millimetres, without redundant corners, starting at a well-defined corner."""
+    return shapely.normalize(shapely.set_precision(area, 0.001).simplify(0.0005))
 
 
 def prisms(area: Area, low: float, high: float) -> list[Prism]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from data.geometry.areas import Area, closed, largest, opened, overlap, polygons_of
 from data.plans.polygons import Gaps, Points, edges_of, frame_of, rooms_behind, tidied
-from data.scene_graph import Xy
+from data.scene_graph.nodes import Xy, xy_of
 
 DOOR = 0.9  # m, with its frame
 DOOR_CLEAR = 0.9  # m: nothing stands closer to the middle of a door
@@ -61,7 +61,7 @@ class Storey:
         def move(points: Points) -> Points:
             return points @ change + np.asarray(offset)
 
-        doors = tuple((_xy(move(np.array(at))), rooms) for at, rooms in self.doors)
+        doors = tuple((xy_of(move(np.array(at))), rooms) for at, rooms in self.doors)
         return Storey(tuple(shapely.transform(r, move) for r in self.rooms), self.kinds, doors)
 
     def joined(self, other: "Storey") -> "Storey":
@@ -137,7 +137,7 @@ def _site(a: int, b: int, rooms: list[Area], edges: list[Points], sites: Sites, 
     shift = slack * float(rng.choice([-1.0, 0.0, 1.0])) * 0.95 + slack * float(rng.uniform(-0.05, 0.05))
     at = edges[a][k, 0] + along[k] * ((low + high) / 2 + shift)
     gap = shapely.distance(rooms[b], shapely.Point(at))
-    return _xy(at - inward[k] * gap / 2)
+    return xy_of(at - inward[k] * gap / 2)
 
 
 def _entrances(
@@ -152,12 +152,8 @@ def _entrances(
         if free and len(doors) < wanted:
             k = int(rng.choice(free))
             at = edges[room][k].mean(axis=0) - inward[k] * walls.outer / 2
-            doors.append((_xy(at), (room,)))
+            doors.append((xy_of(at), (room,)))
     return doors
-
-
-def _xy(point: NDArray[np.float64]) -> Xy:
-    return float(point[0]), float(point[1])
 
 
 def furnished(storey: Storey, rng: Rng, share: float) -> Storey:

@@ -4,7 +4,7 @@ There is one wall for each straight wall between the rooms, which stand at right
 the walls follow.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 from shapely.geometry.polygon import orient
 
 from data.common.errors import UserError
-from data.generation.demo_building import DOOR, SLAB, Opening, PlanWall, write_wall
-from data.generation.level_building import STOREY, prisms
+from data.generation.level_building import DOORWAY, LINTEL, STOREY, prisms
 from data.geometry.areas import Area, closed, difference, united
 from data.geometry.intervals import common, without
-from data.ifc.writer import IfcWriter, placed
+from data.ifc.writer import IfcWriter, Prism, box, placed
 from data.plans.polygons import edges_of, frame_of
 from data.scene_graph import SceneGraph
 
@@ -31,6 +30,10 @@ SLIVER = 1e-3  # m2
 Rng = np.random.Generator
 Array = NDArray[np.float64]
 OUTER = (0.24, 0.3, 0.36)  # m, thickness of outer walls
+SLAB = 0.3  # m
+LEAF = 0.04  # m thick
+SILL, HEAD = 0.9, 2.2  # m: a window's lower and upper edge
+REVEAL, PANE = 0.12, 0.06  # m: the pane stands so far behind the wall's inner face, and is so thick
 HEIGHTS = (2.6, 3.2)  # m, clear
 WINDOWS, BAY, GLAZED = (1.0, 1.8), 2.4, 0.85  # m: widths, and the least distance of their middles; share of the bays
 COLUMNS, SIDES = (2, 8), (0.25, 0.5)  # fewest and most of a building, fewer where there is no place; m
@@ -202,12 +205,14 @@ def write_wall_building(plan: SceneGraph, path: Path | str, seed: int) -> None:
     walls = straight_walls(rooms, outer)
     doors = _places(plan, T_bim_plan, walls)
     windows = [_windows(wall, rooms, at, width, rng) for wall, at in zip(walls, doors, strict=True)]
-    writer = IfcWriter(f"Walls {seed}", {STOREY: 0.0}, T_bim_plan)
+    writer = IfcWriter.begun(f"Walls {seed}", {STOREY: 0.0}, T_bim_plan)
     areas, holes = footprints(walls, rooms, outer), list[Area]()
     for number, (wall, area, at, panes) in enumerate(zip(walls, areas, doors, windows, strict=True), 1):
-        openings = [Opening(u, DOOR) for u in at], [Opening(u, width) for u in panes]
-        holes += [wall.box(o.middle - o.width / 2, o.middle + o.width / 2) for some in openings for o in some]
-        write_wall(writer, STOREY, f"Wall {number}", _plan_wall(wall, *openings), area, height)
+        holes += [wall.box(u - DOORWAY / 2, u + DOORWAY / 2) for u in at]
+        holes += [wall.box(u - width / 2, u + width / 2) for u in panes]
+        _write_wall(
+            writer, f"Wall {number}", wall, area, height, {"IfcDoor": (at, DOORWAY), "IfcWindow": (panes, width)}
+        )
     for number, column in enumerate(_columns(rooms, walls, holes, rng), 1):
         writer.element("IfcColumn", f"Column {number}", STOREY, prisms(column, 0.0, height), kind="COLUMN")
     for kind, low in (("BASESLAB", -SLAB), ("ROOF", height)):
@@ -252,16 +257,41 @@ def _windows(wall: StraightWall, rooms: Sequence[Area], doors: Sequence[float], 
         low, high = float(along.min()), float(along.max())
         bays = int((high - low) / BAY)
         found += [low + (k + 0.5) * (high - low) / bays for k in range(bays) if rng.random() < GLAZED]
-    return [u for u in found if all(abs(u - door) > (width + DOOR) / 2 + 0.3 for door in doors)]
+    return [u for u in found if all(abs(u - door) > (width + DOORWAY) / 2 + 0.3 for door in doors)]
 
 
-def _plan_wall(wall: StraightWall, doors: Sequence[Opening], windows: Sequence[Opening]) -> PlanWall:
-    """With the building to its left."""
-    middle = (wall.near + wall.far) / 2
-    (x0, y0), (x1, y1) = ((u, middle)[:: 1 - 2 * wall.axis] for u in (wall.low, wall.high))
-    ends = ((x0, y0), (x1, y1))
-    start, end = ends[::-1] if wall.inward == (1 if wall.axis else -1) else ends
-    return PlanWall(start, end, wall.far - wall.near, tuple(doors), tuple(windows))
+def _write_wall(
+    writer: IfcWriter,
+    name: str,
+    wall: StraightWall,
+    area: Area,
+    height: float,
+    openings: Mapping[str, tuple[Sequence[float], float]],
+) -> None:
+    """Writes a wall with this footprint, and by class the places and the width of its openings. Its frame: x along it
+    with the building to its left, y to the left."""
+    middle, thickness = (wall.near + wall.far) / 2, wall.far - wall.near
+    begin, end = (wall.high, wall.low) if wall.inward == (1 if wall.axis else -1) else (wall.low, wall.high)
+    x, y = (begin, middle)[:: 1 - 2 * wall.axis]
+    along = np.roll([np.sign(end - begin), 0.0], wall.axis)
+    T_storey_wall = placed(x, y, yaw=float(np.arctan2(along[1], along[0])))
+    relative = np.array(area.exterior.coords)[:-1] - (x, y)
+    outline = np.column_stack([relative @ along, relative @ [-along[1], along[0]]]).round(4).tolist()
+    prism = Prism(tuple((u, v) for u, v in outline), 0.0, height)
+    host = writer.element("IfcWall", name, STOREY, [prism], T_storey_wall, "SOLIDWALL")
+    half = thickness / 2
+    for ifc_class, (places, width) in openings.items():
+        if ifc_class == "IfcDoor":
+            z0, z1, y0, y1 = 0.0, LINTEL, -LEAF / 2, LEAF / 2
+        else:
+            z0, z1, y0, y1 = SILL, HEAD, half - REVEAL - PANE, half - REVEAL
+        for place in places:
+            T_storey_hole = T_storey_wall @ placed(abs(place - begin) - width / 2, 0.0)
+            kind = ifc_class.removeprefix("Ifc")
+            body = [box(0.0, y0, z0, width, y1, z1)]
+            filling = writer.element(ifc_class, f"{kind} in {name}", STOREY, body, T_storey_hole, kind.upper())
+            filling.OverallWidth, filling.OverallHeight = width, z1 - z0
+            writer.cut(host, STOREY, box(0.0, -half, z0, width, half, z1), T_storey_hole, filling)
 
 
 def _columns(rooms: Sequence[Area], walls: Sequence[StraightWall], holes: Sequence[Area], rng: Rng) -> list[Area]:

@@ -13,7 +13,7 @@ import shapely
 from numpy.typing import NDArray
 
 from data.geometry.areas import Area, closed, difference, overlap, polygons_of, united
-from data.ifc.products import triangulated
+from data.ifc.products import opening_of, triangulated
 from data.scene_graph import Door
 from data.walls.rooms import GAP, STOREY, Level, RoomVolume, closed_faces, doorways, halls, open_area, rooms_of_faces
 from data.walls.solids import Solid
@@ -62,13 +62,7 @@ def _door(
 
 def body_of(filling: ifcopenshell.entity_instance) -> tuple[NDArray[np.float64] | None, str | None]:
     """Vertices (N, 3) of the opening that a door or window fills, or of itself, and the GlobalId of the wall."""
-    host, opening = None, None
-    for fills in filling.FillsVoids:
-        if (filled := fills.RelatingOpeningElement) is None:  # the model refers to what it lacks
-            continue
-        opening = triangulated(filled)
-        wall = filled.VoidsElements[0].RelatingBuildingElement if filled.VoidsElements else None
-        host = None if wall is None else wall.GlobalId
+    opening, host = opening_of(filling)
     mesh = opening or triangulated(filling)
     return (mesh[0] if mesh else None), host
 

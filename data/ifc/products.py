@@ -129,6 +129,18 @@ def triangulated(product: ifcopenshell.entity_instance) -> Mesh | None:
     return (vertices, faces) if len(faces) and np.isfinite(vertices).all() else None
 
 
+def opening_of(filling: ifcopenshell.entity_instance) -> tuple[Mesh | None, str | None]:
+    """The body of the opening that a door or window fills, and the GlobalId of what it is cut out of."""
+    opening, host = None, None
+    for fills in filling.FillsVoids:
+        if (filled := fills.RelatingOpeningElement) is None:  # the model refers to what it lacks
+            continue
+        opening = triangulated(filled)
+        wall = filled.VoidsElements[0].RelatingBuildingElement if filled.VoidsElements else None
+        host = None if wall is None else str(wall.GlobalId)
+    return opening, host
+
+
 @cache
 def _settings() -> ifcopenshell.geom.settings:
     settings = ifcopenshell.geom.settings()

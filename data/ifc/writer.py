@@ -3,6 +3,7 @@
 import uuid
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TypeAlias
 
@@ -17,7 +18,9 @@ import ifcopenshell.api.spatial
 import ifcopenshell.api.unit
 import ifcopenshell.guid
 import numpy as np
+from ifcopenshell.util.representation import get_context
 from ifcopenshell.util.shape_builder import ShapeBuilder
+from ifcopenshell.util.unit import calculate_unit_scale
 from numpy.typing import NDArray
 
 from data.common.files import write_atomically
@@ -51,42 +54,59 @@ def placed(x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> Matrix:
 
 
 class IfcWriter:
-    """One project with one site and one building; `T_bim_building` is where both stand.
+    """Adds to a model that `begun` began, of one site and one building; `T_bim_building` is where both stand.
 
     A storey is named in all calls; a body is given in its product's frame, which `T_storey_product` places in
     the storey's: the building's, raised by the storey's elevation.
     """
 
-    def __init__(
-        self,
+    def __init__(self, model: ifcopenshell.file, T_bim_building: Matrix | None = None) -> None:
+        self.model = model
+        self._T_bim_building = np.eye(4) if T_bim_building is None else T_bim_building
+        self._builder = ShapeBuilder(model)
+
+    @classmethod
+    def begun(
+        cls,
         project: str,
         elevations: Mapping[str, float],
         T_bim_building: Matrix | None = None,
         millimetres: bool = False,
-    ) -> None:
-        self.model = ifcopenshell.api.project.create_file(version="IFC4")
-        self._name, self._unit = project, 1000.0 if millimetres else 1.0
-        self._builder = ShapeBuilder(self.model)
-        root = self._entity("IfcProject", project)
+    ) -> "IfcWriter":
+        """A new model, of storeys without products."""
+        writer = cls(ifcopenshell.api.project.create_file(version="IFC4"), T_bim_building)
+        root = writer._entity("IfcProject", project)
         raw = "MILLIMETERS" if millimetres else "METERS"
-        ifcopenshell.api.unit.assign_unit(self.model, length={"is_metric": True, "raw": raw})
-        context = ifcopenshell.api.context.add_context(self.model, context_type="Model")
-        self._body = ifcopenshell.api.context.add_context(
-            self.model, "Model", context_identifier="Body", target_view="MODEL_VIEW", parent=context
+        ifcopenshell.api.unit.assign_unit(writer.model, length={"is_metric": True, "raw": raw})
+        context = ifcopenshell.api.context.add_context(writer.model, context_type="Model")
+        ifcopenshell.api.context.add_context(
+            writer.model, "Model", context_identifier="Body", target_view="MODEL_VIEW", parent=context
         )
-        T = np.eye(4) if T_bim_building is None else T_bim_building
-        site, building = self._entity("IfcSite", f"{project} site"), self._entity("IfcBuilding", project)
-        self._aggregate(site, root)
-        self._aggregate(building, site)
-        self._place(site, T)
-        self._place(building, T)
-        self._storeys: dict[str, tuple[Entity, Matrix]] = {}
+        site, building = writer._entity("IfcSite", f"{project} site"), writer._entity("IfcBuilding", project)
+        writer._aggregate(site, root)
+        writer._aggregate(building, site)
+        writer._place(site, writer._T_bim_building)
+        writer._place(building, writer._T_bim_building)
         for name, elevation in elevations.items():
-            storey, T_bim_storey = self._entity("IfcBuildingStorey", name), T @ placed(0.0, 0.0, elevation)
-            storey.Elevation = elevation * self._unit
-            self._aggregate(storey, building)
-            self._place(storey, T_bim_storey)
-            self._storeys[name] = storey, T_bim_storey
+            storey = writer._entity("IfcBuildingStorey", name)
+            storey.Elevation = elevation * writer._metre
+            writer._aggregate(storey, building)
+            writer._place(storey, writer._T_bim_building @ placed(0.0, 0.0, elevation))
+        return writer
+
+    @cached_property
+    def _metre(self) -> float:
+        """In the model's unit."""
+        return 1.0 / float(calculate_unit_scale(self.model))
+
+    @cached_property
+    def _body(self) -> Entity:
+        """The context of the products' bodies."""
+        return get_context(self.model, "Model", "Body", "MODEL_VIEW")
+
+    @cached_property
+    def _storeys(self) -> dict[str, Entity]:
+        return {storey.Name: storey for storey in self.model.by_type("IfcBuildingStorey")}
 
     def element(
         self,
@@ -99,7 +119,7 @@ class IfcWriter:
     ) -> Entity:
         """Adds a product that a storey contains; `kind` is its PredefinedType."""
         product = self._entity(ifc_class, name, kind)
-        container = self._storeys[storey][0]
+        container = self._storeys[storey]
         ifcopenshell.api.spatial.assign_container(self.model, [product], relating_structure=container)
         self._shape(product, storey, body, T_storey_product)
         return product
@@ -119,18 +139,18 @@ class IfcWriter:
         if filling is not None:
             ifcopenshell.api.feature.add_filling(self.model, opening=opening, element=filling)
 
-    def space(self, name: str, storey: str, body: Prism, long_name: str | None = None) -> Entity:
+    def space(self, name: str, storey: str, body: Prism) -> Entity:
         """Adds a room."""
         product = self._entity("IfcSpace", name)
-        product.LongName = long_name
-        self._aggregate(product, self._storeys[storey][0])
+        self._aggregate(product, self._storeys[storey])
         self._shape(product, storey, [body])
         return product
 
     def save(self, path: Path | str) -> None:
         """Creates all GlobalIds from the project's name and the order of creation, and writes the file."""
+        project = self.model.by_type("IfcProject")[0].Name
         for number, root in enumerate(self.model.by_type("IfcRoot")):
-            own = uuid.uuid5(uuid.NAMESPACE_OID, f"{self._name}/{number}")
+            own = uuid.uuid5(uuid.NAMESPACE_OID, f"{project}/{number}")
             root.GlobalId = ifcopenshell.guid.compress(own.hex)
         # ifcopenshell keeps these in sets, whose order changes from call to call
         for ifc_class, name in (
@@ -140,7 +160,7 @@ class IfcWriter:
         ):
             for entity in self.model.by_type(ifc_class):
                 setattr(entity, name, sorted(getattr(entity, name), key=lambda member: member.id()))
-        self.model.header.file_name.name = f"{self._name}.ifc"  # not the path: it shall not change the bytes
+        self.model.header.file_name.name = f"{project}.ifc"  # not the path: it shall not change the bytes
         self.model.header.file_name.time_stamp = STAMP
         write_atomically(path, self.model.to_string())
 
@@ -156,7 +176,7 @@ class IfcWriter:
     def _profile(self, prism: Prism) -> Entity:
         """Its curve, or with holes its area."""
         outer, *inner = (
-            self._builder.polyline([tuple(self._unit * v for v in xy) for xy in ring], closed=True)
+            self._builder.polyline([tuple(self._metre * v for v in xy) for xy in ring], closed=True)
             for ring in (prism.outline, *prism.holes)
         )
         return self._builder.profile(outer, inner_curves=inner) if inner else outer
@@ -167,12 +187,12 @@ class IfcWriter:
         solids = [
             self._builder.extrude(
                 self._profile(p),
-                magnitude=self._unit * (p.high - p.low),
-                position=(0.0, 0.0, self._unit * p.low),
+                magnitude=self._metre * (p.high - p.low),
+                position=(0.0, 0.0, self._metre * p.low),
             )
             for p in body
         ]
         shape = self._builder.get_representation(self._body, solids)
         ifcopenshell.api.geometry.assign_representation(self.model, product=product, representation=shape)
-        T_bim_storey = self._storeys[storey][1]
+        T_bim_storey = self._T_bim_building @ placed(0.0, 0.0, self._storeys[storey].Elevation / self._metre)
         self._place(product, T_bim_storey if T_storey_product is None else T_bim_storey @ T_storey_product)

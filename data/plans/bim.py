@@ -1,20 +1,32 @@
-"""The building's plan, an IFC file, a drawing, GeoJSON or an A-graph, as a scene graph in the BIM frame."""
+"""The building's plan, an IFC file, a drawing, GeoJSON or an A-graph, as a scene graph in the BIM frame; floor plans of
+every source as a stream of `Plan`s, each an A-graph in metres."""
 
 import hashlib
 import json
+import logging
 import os
-from collections.abc import Sequence
+import tarfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 from data.common.errors import UserError
 from data.common.files import read_json, user_cache, write_json
 from data.ifc.guard import read_guarded
+from data.plans.dxf import read_dxf
+from data.plans.geojson import plan_of
+from data.plans.polygons import Plan
+from data.plans.published_plans import Buildings, read_json_plan, read_msd
 from data.scene_graph import SceneGraph
 
 EXTRACTOR_VERSION = 9  # to be raised whenever the A-graph of the same file changes
 IFC_SUFFIXES = (".ifc", ".ifczip")
 PLANS = "an IFC file (.ifc, .ifczip), a drawing (.dxf), GeoJSON (.geojson), or an A-graph (.json)"
+MAX_MEMBER = 50_000_000  # bytes: no plan is larger
+_log = logging.getLogger(__name__)
+Split = Literal["train", "validation", "test"]
+SHARES: Mapping[Split, float] = {"train": 0.7, "validation": 0.15, "test": 0.15}
 
 
 @dataclass(frozen=True)
@@ -43,8 +55,6 @@ def _read(path: Path, cache_dir: Path | str | None, layers: Sequence[str]) -> Bi
     if not path.is_file():
         raise UserError(f"{path}: {'is a folder' if path.is_dir() else 'no such file'}; give {PLANS}")
     if suffix == ".dxf":
-        from data.plans.dxf import read_dxf
-
         return Bim(*read_dxf(path, layers))
     if layers:
         raise UserError(f"--layer {layers[0]}: {path} is not a DXF drawing and has no layers")
@@ -66,20 +76,13 @@ def _of_json(path: Path) -> Bim:
     value = read_json(path, PLANS)
     known = value if isinstance(value, dict) else {}
     if path.suffix.lower() == ".geojson" or known.get("type") in ("FeatureCollection", "Feature"):
-        from data.plans.geojson import plan_of
-
         return Bim(*plan_of(value, str(path)))
     if "rooms" in known and "schema_version" not in known:
-        from data.plans.published_plans import read_json_plan
-
         return Bim(read_json_plan(path.read_bytes(), str(path)).graph)
-    return Bim(_with_walls(SceneGraph.load(path), path))
-
-
-def _with_walls(graph: SceneGraph, path: Path) -> SceneGraph:
+    graph = SceneGraph.load(path)
     if not graph.wall_surfaces:
         raise UserError(f"{path}: has no wall surfaces; give an A-graph with walls")
-    return graph
+    return Bim(graph)
 
 
 def plan_cache() -> Path:
@@ -103,3 +106,80 @@ def _keep(entry: Path, bim: Bim) -> None:
         write_json(entry, {"graph": bim.graph.to_dict(), "notices": list(bim.notices)})
     except OSError:
         return
+
+
+def read_plans(path: Path | str, merge_collinear: bool = True) -> Iterator[Plan]:
+    """Reads plans one by one, in the order of their names (a table's in its own order).
+
+    `path` is a folder of plan JSON files or one of them (see `published_plans`), a `.tar.gz` of such files, Modified
+    Swiss Dwellings' `.csv` (its apartments), an `.ifc` or `.ifczip`,
+    or an A-graph as `.json`. Of many plans those that cannot be used are left out, each with one
+    line in the log; a single one raises. `merge_collinear=False`: see `scene_graph_of`.
+
+    Raises UserError where the path is none of these or where none of the plans can be used.
+    """
+    path = Path(path)
+    name = path.name.lower()
+    if path.is_dir():
+        files = sorted(p for p in path.iterdir() if p.suffix.lower() == ".json")
+        if not files:
+            raise UserError(f"{path}: no plans (.json) in this folder")
+        yield from _usable(((str(f), f.read_bytes()) for f in files), path, merge_collinear)
+    elif not path.is_file():
+        raise UserError(f"{path}: no such file or folder; give plans (.json, .csv, .tar.gz, .ifc) or a folder of them")
+    elif name.endswith((".tar.gz", ".tgz", ".tar")):
+        yield from _usable(_members(path), path, merge_collinear)
+    elif name.endswith(IFC_SUFFIXES):
+        yield Plan(path.stem, path.stem, load_bim(path).graph)
+    elif name.endswith(".csv"):
+        yield from read_msd(path, merge_collinear)
+    elif name.endswith(".json"):
+        yield _one(path, merge_collinear)
+    else:
+        raise UserError(f"{path}: not a plan; give plans (.json, .csv, .tar.gz, .ifc) or a folder of them")
+
+
+def _one(path: Path, merge_collinear: bool) -> Plan:
+    value = read_json(path, "a floor plan or an A-graph")
+    if isinstance(value, dict) and "schema_version" in value:
+        return Plan(path.stem, path.stem, load_bim(path).graph)
+    return read_json_plan(path.read_bytes(), str(path), merge_collinear)
+
+
+def _usable(texts: Iterable[tuple[str, bytes]], path: Path, merge_collinear: bool) -> Iterator[Plan]:
+    buildings, skipped, used = Buildings(), 0, 0
+    for where, text in texts:
+        try:
+            plan = read_json_plan(text, where, merge_collinear)
+        except UserError as error:
+            skipped += 1
+            _log.warning(f"skipped {error}")
+            continue
+        used += 1
+        yield replace(plan, building=buildings.of(plan))
+    if not used:
+        raise UserError(f"{path}: none of its {skipped} plans can be used")
+
+
+def _members(path: Path) -> Iterator[tuple[str, bytes]]:
+    """The JSON files of a tar archive, in its order; nothing is extracted to disk, links are not followed."""
+    try:
+        with tarfile.open(path) as archive:
+            for member in archive:
+                if member.isreg() and member.name.endswith(".json") and member.size <= MAX_MEMBER:
+                    file = archive.extractfile(member)
+                    assert file is not None  # it is a regular file
+                    yield member.name, file.read()
+    except (tarfile.TarError, EOFError, OSError) as error:
+        raise UserError(f"{path}: not a readable tar archive ({error})") from None
+
+
+def split_of(building: str) -> Split:
+    """The split of all plans of a building, by a hash of its name: the same on every machine."""
+    digest = hashlib.sha256(f"0:{building}".encode()).digest()
+    at = int.from_bytes(digest[:8], "big") / 2**64
+    for split, share in SHARES.items():
+        if at < share:
+            return split
+        at -= share
+    return "test"

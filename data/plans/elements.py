@@ -13,12 +13,12 @@ from ifcopenshell.util.placement import get_local_placement
 from ifcopenshell.util.unit import calculate_unit_scale
 from numpy.typing import NDArray
 
-from data.ifc.products import IfcProduct, Mesh, open_ifc, products, triangulated
+from data.ifc.doors import FILLINGS
+from data.ifc.products import IfcProduct, open_ifc, opening_of, products, triangulated
 from data.plans.bodies import PANE, Kind, PlannedElement
 
 _ONE_AT_A_TIME = Lock()
 SOLID = ("IfcWall", "IfcColumn", "IfcSlab", "IfcCovering", "IfcCurtainWall")
-FILLINGS = ("IfcDoor", "IfcWindow")
 Floats = NDArray[np.float64]
 NEAR = 0.5  # m from a line up to which an element stands on it
 
@@ -55,34 +55,15 @@ def _element(product: IfcProduct, storeys: dict[str, str], kind: Kind) -> Planne
 def _openings(model: ifcopenshell.file, storeys: dict[str, str]) -> Iterator[PlannedElement]:
     """The openings that doors and windows fill."""
     for filling in dict.fromkeys(entity for kind in FILLINGS for entity in model.by_type(kind)):
-        cuts = [fills.RelatingOpeningElement for fills in filling.FillsVoids]
-        bodies = [triangulated(cut) for cut in cuts if cut is not None]  # a broken model refers to what it lacks
-        body = next((mesh for mesh in bodies if mesh is not None), None)
+        body, wall = opening_of(filling)
         if body is None:
             continue
-        container = get_container(filling)
+        container, own = get_container(filling), triangulated(filling)
         storey = storeys.get(container.GlobalId, "") if container is not None else ""
         yield PlannedElement(
-            filling.GlobalId, filling.is_a(), filling.Name or "", storey, "opening", _corners(body),
-            wall=_wall_around(filling), filling=_body(filling),
+            filling.GlobalId, filling.is_a(), filling.Name or "", storey, "opening", body[0][body[1]], wall=wall or "",
+            filling=None if own is None else own[0][own[1]],
         )  # fmt: skip
-
-
-def _wall_around(filling: ifcopenshell.entity_instance) -> str:
-    """The GlobalId of what a door's or window's opening is cut out of, empty where the model does not say."""
-    cuts = [fills.RelatingOpeningElement for fills in filling.FillsVoids]
-    walls = [relation.RelatingBuildingElement for cut in cuts if cut is not None for relation in cut.VoidsElements]
-    return next((str(wall.GlobalId) for wall in walls if wall is not None), "")
-
-
-def _body(filling: ifcopenshell.entity_instance) -> NDArray[np.float64] | None:
-    mesh = triangulated(filling)
-    return None if mesh is None else _corners(mesh)
-
-
-def _corners(mesh: Mesh) -> NDArray[np.float64]:
-    vertices, faces = mesh
-    return vertices[faces]
 
 
 def other_bodies(ifc: Path | str) -> NDArray[np.float64]:

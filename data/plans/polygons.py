@@ -14,7 +14,7 @@ from shapely.geometry.polygon import orient
 from data.geometry.areas import Area, difference, largest, opened, overlap, polygons_of
 from data.geometry.intervals import Intervals, united, without
 from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface
-from data.walls.rooms import width_of
+from data.walls.rooms import outlined, width_of
 
 Points = NDArray[np.float64]  # (N, 2)
 FLAT = 0.01  # m: corners that stand out less are no corners of a wall
@@ -94,10 +94,7 @@ def with_pillars(rooms: Sequence[DrawnRoom], walls: Area) -> list[DrawnRoom]:
 
 def room_of(room: DrawnRoom) -> Room:
     """The graph's room: its outer ring and that ring's centroid."""
-    outer = np.asarray(room.area.exterior.coords)[:-1]
-    centre = shapely.Polygon(room.area.exterior).centroid
-    ring = tuple((float(x), float(y)) for x, y in outer)
-    return Room(room.id, (float(centre.x), float(centre.y)), room.floor, room.name, ring)
+    return outlined(Room(room.id, (0.0, 0.0), room.floor, room.name), room.area)
 
 
 def _without_overlaps(drawing: Drawing) -> list[DrawnRoom]:

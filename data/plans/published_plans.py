@@ -24,7 +24,7 @@ import numpy as np
 import shapely
 import shapely.geometry
 
-from data.common.errors import UserError
+from data.common.errors import UserError, reason
 from data.geometry.areas import Area, polygons_of, united
 from data.plans.flat_plan import HEIGHT, roomless_surfaces
 from data.plans.polygons import Drawing, DrawnRoom, Plan, scene_graph_of, with_pillars
@@ -70,8 +70,7 @@ def read_json_plan(text: str | bytes, where: str, merge_collinear: bool = True) 
     except UserError as error:
         raise UserError(f"{where}: {error}") from None
     except Exception as error:  # shapely raises many kinds where coordinates are none
-        message = (str(error).splitlines() or [""])[0][:100]
-        raise UserError(f"{where}: not a floor plan in JSON ({type(error).__name__}: {message})") from None
+        raise UserError(f"{where}: not a floor plan in JSON ({reason(error)})") from None
     if not graph.wall_surfaces:
         raise UserError(f"{where}: no room with walls; skip it, or draw its rooms as polygons")
     return Plan(name, str(value.get("building") or name), graph)
@@ -177,8 +176,8 @@ def read_msd(path: Path, merge_collinear: bool = True) -> Iterator[Plan]:
             yield Plan(f"apartment {key}", building, graph)
     if without_rooms:
         _log.warning(f"{path}: skipped {without_rooms} of {len(index.plans)} plans: no room with walls")
-    for reason, count in index.skipped.items():
-        _log.warning(f"{path}: skipped {count} rows: {reason}")
+    for why, count in index.skipped.items():
+        _log.warning(f"{path}: skipped {count} rows: {why}")
 
 
 def _index(file: BinaryIO, path: Path) -> Index:

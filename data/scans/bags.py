@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from data.bags import Bag, Record, decoded, reason
-from data.common.errors import EndOfScansError, UnreadableScanError, UserError
+from data.bags import Bag, Record, decoded
+from data.common.errors import EndOfScansError, UnreadableScanError, UserError, reason
 from data.scans.formats import XYZ
 from data.scans.point_times import time_field
 from data.scans.scan import Scan, ScanSource, finished

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from data.common.errors import EndOfScansError, UnreadableScanError, UserError
+from data.common.errors import EndOfScansError, UnreadableScanError, UserError, reason
 from data.scans.scan import Scan, ScanSource
 
 PREFIX = "evalio:"
@@ -39,7 +39,7 @@ class EvalioScans(ScanSource):
         try:
             self._count = len(self._sequence.data_iter())
         except Exception as error:  # data sets raise kinds of their own
-            raise UserError(f"{name}: its data in {self.path} cannot be read: {_line(error)}") from None
+            raise UserError(f"{name}: its data in {self.path} cannot be read: {reason(error)}") from None
 
     def __len__(self) -> int:
         """The number of scans."""
@@ -54,7 +54,7 @@ class EvalioScans(ScanSource):
         try:
             measurement = next(self._measurements, None)
         except Exception as error:
-            raise UnreadableScanError(_line(error)) from None
+            raise UnreadableScanError(reason(error)) from None
         if measurement is None:
             raise EndOfScansError
         points, times = points_in_reach(measurement, self._limits)
@@ -101,7 +101,3 @@ def _place(sequence: Any) -> Path:
     if folder.exists():
         return folder
     return next((Path(file) for file in sequence.files()), folder)
-
-
-def _line(error: Exception) -> str:
-    return f"{type(error).__name__}: {(str(error).splitlines() or [''])[0][:100]}"

@@ -16,7 +16,7 @@ import lzf
 import numpy as np
 from numpy.typing import NDArray
 
-from data.common.errors import MissingReaderError, UnreadableScanError
+from data.common.errors import MissingReaderError, UnreadableScanError, reason
 from data.scans.point_times import time_field
 
 Points = NDArray[np.floating]
@@ -40,6 +40,11 @@ _FEWEST = 300  # values: fewer say nothing about the width
 _SEEN = 60_000  # values that are looked at, a multiple of each width
 
 
+def is_scan(path: Path) -> bool:
+    """Whether a file is a scan by its name; hidden ones are not."""
+    return path.suffix.lower() in READERS and not path.name.startswith(".")
+
+
 def read_points(path: Path) -> Points:
     """Returns the points (N, 3) of `read_timed`."""
     return read_timed(path)[0]
@@ -52,15 +57,12 @@ def read_timed(path: Path) -> tuple[Points, Times]:
     """
     try:
         points, times = READERS[path.suffix.lower()](path)
-    except MissingReaderError:
-        raise
-    except UnreadableScanError:
+    except (MissingReaderError, UnreadableScanError):
         raise
     except FileNotFoundError:
         raise UnreadableScanError("the file is gone") from None
     except Exception as error:  # parsers raise anything on garbage; one bad scan must not end a run
-        lines = str(error).splitlines() or [""]
-        raise UnreadableScanError(f"{type(error).__name__}: {lines[0][:120]}") from None
+        raise UnreadableScanError(reason(error)) from None
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
         raise UnreadableScanError("its points are not three numbers each")
     return points, times if times is not None and times.shape == (len(points),) else None

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from data.common.errors import UserError
 from data.common.files import natural_key
 from data.scans.evalio import EvalioScans, is_evalio
-from data.scans.formats import READERS, read_timed
+from data.scans.formats import READERS, is_scan, read_timed
 from data.scans.point_times import Stamped, check_interval, unusable
 from data.scans.scan import WORST_SHARE_SKIPPED, Scan, ScanSource, finished
 from data.trajectory.stamps import NOTE_INDICES, SCAN_PERIOD_NS, check_increasing, read_times, stamps_from_names
@@ -66,8 +66,7 @@ def _list_scans(path: Path) -> list[Path]:
     if not path.is_dir():
         what = "is a file" if path.exists() else "does not exist"
         raise UserError(f"{path}: {what}; give a folder of scans ({', '.join(READERS)})")
-    shown = [f for f in path.iterdir() if not f.name.startswith(".")]
-    files = [f for f in shown if f.suffix.lower() in READERS and f.is_file()]
+    files = [f for f in path.iterdir() if is_scan(f) and f.is_file()]
     if not files:
         raise UserError(f"{path}: no scans in it; {_where_else(path)}")
     formats = Counter(f.suffix.lower() for f in files)
@@ -127,7 +126,7 @@ def _opened(path: Path | str, topic: str | None) -> ScanSource:
     from data.scans.bags import BagScans
 
     path = Path(path)
-    if is_bag(path) and not (path.is_dir() and _has_scans(path)):
+    if is_bag(path) and not (path.is_dir() and any(map(is_scan, path.iterdir()))):
         return BagScans(path, topic)
     if topic is not None:
         raise UserError(f"--topic {topic}: {path} is not a bag and has no topics")
@@ -138,7 +137,3 @@ def _opened(path: Path | str, topic: str | None) -> ScanSource:
 
         return E57Scans(path)
     return ScanFolder(path)
-
-
-def _has_scans(folder: Path) -> bool:
-    return any(p.suffix.lower() in READERS for p in folder.iterdir() if not p.name.startswith("."))

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from data.common.errors import MissingReaderError, UnreadableScanError, UserError
+from data.common.errors import MissingReaderError, UnreadableScanError, UserError, reason
 from data.geometry.poses import xyzquat_to_poses
 from data.scans.point_times import time_field
 from data.scans.scan import Scan, ScanSource, finished
@@ -39,7 +39,7 @@ class E57Scans(ScanSource):
             begins = [_begin(head) for head in heads]
             poses = [_pose(head) for head in heads]
         except Exception as error:  # libE57 raises kinds of its own
-            raise UserError(f"{self.path}: a broken E57 file ({_line(error)}); export it again") from None
+            raise UserError(f"{self.path}: a broken E57 file ({reason(error)}); export it again") from None
         if not heads:
             raise UserError(f"{self.path}: contains no scans; give an E57 file with scans")
         known = [begin for begin in begins if begin is not None]
@@ -65,7 +65,7 @@ class E57Scans(ScanSource):
         try:
             points, times = self._stored(index)
         except Exception as error:
-            raise UnreadableScanError(f"a broken scan ({_line(error)})") from None
+            raise UnreadableScanError(f"a broken scan ({reason(error)})") from None
         pose = None if self._poses is None else self._poses[index]
         assert self.stamps_ns is not None
         return finished(index, int(self.stamps_ns[index]), points, times, self.path, pose, self.stamped)
@@ -106,7 +106,7 @@ def _opened(path: Path) -> Any:
     try:
         return pye57.E57(str(path))
     except Exception as error:
-        raise UserError(f"{path}: a broken E57 file ({_line(error)}); export it again") from None
+        raise UserError(f"{path}: a broken E57 file ({reason(error)}); export it again") from None
 
 
 def _begin(head: Any) -> int | None:
@@ -126,10 +126,6 @@ def _pose(head: Any) -> NDArray[np.float64] | None:
     if not np.isfinite(values).all() or abs(float(np.linalg.norm(values[3:])) - 1) > 1e-3:
         return None
     return xyzquat_to_poses(values)
-
-
-def _line(error: Exception) -> str:
-    return f"{type(error).__name__}: {(str(error).splitlines() or [''])[0][:80]}"
 
 
 def read_las(path: Path) -> tuple[NDArray[np.float64], NDArray[Any] | None]:

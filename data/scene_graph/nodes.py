@@ -3,15 +3,23 @@
 Lengths are in metres, angles in radians, coordinates in the graph's frame.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 FARTHEST = 1e9  # m: no coordinate on the earth is larger, and squares of it stay exact enough
 Number = Annotated[float, Field(strict=True, ge=-FARTHEST, le=FARTHEST)]  # no text and no truth value in JSON
 Xy = tuple[Number, Number]
 WALL_HEIGHT = 2.5  # m, of a wall whose height is unknown
+
+
+def xy_of(point: Sequence[float] | NDArray[np.float64]) -> Xy:
+    """The first two coordinates of a point."""
+    return float(point[0]), float(point[1])
 
 
 @dataclass(frozen=True)

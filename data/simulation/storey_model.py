@@ -15,6 +15,7 @@ from data.common.errors import UserError
 from data.geometry.areas import Area, triangles_of
 from data.geometry.raycast import TriangleScene, area_normals
 from data.ifc.products import IfcProduct, open_ifc, products
+from data.ifc.rooms import STAIRS
 from data.plans.mesh_plan import is_mesh, read_mesh
 from data.simulation.changes import AS_PLANNED, Change, Changes, draw_changes, draw_tolerances, of_class
 from data.simulation.changes.as_built import as_built, recut
@@ -22,7 +23,6 @@ from data.simulation.changes.as_built import as_built, recut
 Triangles = NDArray[np.float64]  # (M, 3, 3) metres in the BIM frame
 Xy = NDArray[np.float64]  # (2,)
 NOT_SOLID = ("IfcFeatureElement", "IfcDoor", "IfcVirtualElement", "IfcGeographicElement")
-STAIRS = ("IfcStair", "IfcStairFlight", "IfcRamp", "IfcRampFlight")
 UPRIGHT = 0.1  # vertical part of a wall's normal, at most
 SAME_NORMAL, SAME_PLANE = 0.02, 0.02  # of a normal's parts, and m: triangles as near lie in one plane
 FLOOR_SEARCH = 0.6  # m: a floor or ceiling lies this close to the lower or upper face of its space

@@ -14,7 +14,7 @@ from data.common.errors import UserError
 from data.common.files import text_lines
 from data.geometry.poses import xyzquat_to_poses
 from data.scene_graph.graph import SceneGraph
-from data.scene_graph.nodes import Room, WallSurface
+from data.scene_graph.nodes import Room, WallSurface, xy_of
 from data.trajectory.readers import PoseList
 
 _CROSSING = 0.5  # sine of the angle at which one wall of a room bounds another
@@ -88,7 +88,7 @@ class PlaneGraph:
             for plane in self.walls[n]
             if (surface := self._surface(n, centre[:2], plane)) is not None
         ]
-        return SceneGraph("map", tuple(Room(f"r{n}", _xy(c)) for n, c in rooms.items()), tuple(surfaces))
+        return SceneGraph("map", tuple(Room(f"r{n}", xy_of(c)) for n, c in rooms.items()), tuple(surfaces))
 
     def _surface(self, room: int, centre: Floats, plane: int) -> WallSurface | None:
         own = self.planes[plane] / np.linalg.norm(self.planes[plane][:2])
@@ -103,7 +103,7 @@ class PlaneGraph:
             return None
         low, high = float(before.max()), float(after.min())
         middle = (low + high) / 2 * tangent - own[3] * own[:2]
-        return WallSurface(f"w{plane}@r{room}", f"r{room}", _xy(middle), _xy(own), high - low)
+        return WallSurface(f"w{plane}@r{room}", f"r{room}", xy_of(middle), xy_of(own), high - low)
 
 
 def read_g2o(path: Path | str, poses_only: bool = False) -> PlaneGraph:
@@ -223,10 +223,6 @@ def _symmetric(upper: Floats, size: int) -> Floats:
     matrix = np.zeros((size, size))
     matrix[np.triu_indices(size)] = upper
     return matrix + np.triu(matrix, 1).T
-
-
-def _xy(point: Floats) -> tuple[float, float]:
-    return float(point[0]), float(point[1])
 
 
 def plane_of(surface: str) -> int:

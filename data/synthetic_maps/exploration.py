@@ -1,8 +1,10 @@
 """The storeys of an A-graph for exploration: which rooms are connected, and walks through them."""
 
+import heapq
 import weakref
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import count
 
 import numpy as np
 import shapely
@@ -159,6 +161,51 @@ def walk(storey: Storey, rng: np.random.Generator, count: int | None, start: int
         rooms.append(way[1])
         left -= int(walled[way[1]])
     return Walk(tuple(rooms), tuple(parents))
+
+
+def nearest_first(storey: Storey, start: int) -> tuple[Walk, int]:
+    """Returns all rooms in the order of the distance from one room's middle, and how many of them doors connect.
+
+    Distances follow straight lines from door to door. Since a model may lack doors, the remaining rooms follow across
+    walls, nearest first.
+    """
+    rooms, parents, by_doors, tie = [start], [-1], 0, count()
+    queue: list[tuple[float, int, int, int, int]] = []  # of Dijkstra: the way to a door, from which room to which one
+    passed: set[tuple[int, int]] = set()
+    doors_of: list[list[tuple[int, int]]] = [[] for _ in storey.rooms]
+    for door, (i, j, _) in enumerate(storey.doors):
+        doors_of[i].append((door, j))
+        doors_of[j].append((door, i))
+
+    def enter(room: int, way: float, place: Array) -> None:
+        for door, beyond in doors_of[room]:
+            far = way + float(np.hypot(*(storey.doors[door][2] - place)))
+            heapq.heappush(queue, (far, next(tie), room, door, beyond))
+
+    enter(start, 0.0, storey.middle[start])
+    while True:
+        while queue:
+            way, _, parent, door, room = heapq.heappop(queue)
+            if (parent, door) in passed:
+                continue
+            passed.add((parent, door))
+            enter(room, way, storey.doors[door][2])
+            if room not in rooms:
+                parents.append(rooms.index(parent))
+                rooms.append(room)
+        by_doors = by_doors or len(rooms)
+        ways = [
+            (float(np.hypot(*(storey.middle[k] - storey.middle[r]))), n, k)
+            for n, r in enumerate(rooms)
+            for k in storey.across_walls[r]
+        ]
+        ways = [way for way in ways if way[2] not in rooms]
+        if not ways:
+            return Walk(tuple(rooms), tuple(parents)), by_doors
+        far, at, room = min(ways)
+        parents.append(at)
+        rooms.append(room)
+        enter(room, far, storey.middle[room])
 
 
 class _Ways:

@@ -17,7 +17,7 @@ of the box of its surfaces; names, sources, heights and ids of the plan are miss
 origin and heading are those of a robot that started somewhere in one of the rooms.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +27,7 @@ from data.common.errors import UserError
 from data.geometry import se2
 from data.geometry.se2 import Array, fit_to_lines
 from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface, Xy
+from data.scene_graph.nodes import xy_of
 from data.synthetic_maps.exploration import Index, Storey, Walk, storeys_of, walk
 from data.synthetic_maps.wall_noise import (
     USUAL,
@@ -102,6 +103,21 @@ def draw(
             return drawn
 
 
+def perfect_map(a: SceneGraph, rooms: Collection[str]) -> DrawnGraph:
+    """Returns a noise-free map of some rooms of one storey (at least one), in the A-graph's frame and with its ids."""
+    part = SceneGraph(
+        "map",
+        tuple(r for r in a.rooms if r.id in rooms),
+        tuple(w for w in a.wall_surfaces if w.room in rooms),
+        tuple(d for d in a.doors if len(d.rooms) > 1 and set(rooms).issuperset(d.rooms)),
+    )
+    own, still = {r.id: r.id for r in part.rooms}, (0.0, 0.0, 0.0)
+    floor = next((r.floor or w.floor for r in part.rooms for w in a.surfaces_of_room[r.id]), part.rooms[0].floor)
+    return DrawnGraph(
+        part, own, {w.id: w.id for w in part.wall_surfaces}, still, dict.fromkeys(own, still), floor, False
+    )
+
+
 def _choose(a: SceneGraph, floor: str | None, rng: np.random.Generator) -> Storey:
     storeys = storeys_of(a)
     if not storeys:
@@ -128,12 +144,8 @@ def _paper(storey: Storey, rng: np.random.Generator) -> DrawnGraph:
 def draw_walk(
     storey: Storey, walked: Walk, noise: str, rng: np.random.Generator, levels: NoiseLevels = USUAL
 ) -> DrawnGraph:
-    """Draws the S-graph of a walk through a storey; rooms without any observation are not in it.
-
-    Raises UserError for an unknown noise model, and for `paper`, which has no walk.
-    """
-    if noise not in NOISE_MODELS[1:]:
-        raise UserError(f"no noise model '{noise}' of S-graphs of a walk; there are: {', '.join(NOISE_MODELS[1:])}")
+    """Draws the S-graph of a walk through a storey with any noise but that of `paper`; rooms without any observation
+    are not in it."""
     map_rooms = rooms_as_entered(storey, walked, observe_walls(storey, np.array(walked.rooms), rng, levels))
     map_rooms = some_doors_missed(map_rooms, rng)
     deformed = noise != "real"
@@ -181,13 +193,13 @@ def _built(
     for home, name in names.items():
         mine = map_rooms.home == home
         place = _box_centre(centre[mine], arm[mine]) if places is None else places[home]
-        rooms.append(Room(name, _xy(place), FLOOR_ID))
+        rooms.append(Room(name, xy_of(place), FLOOR_ID))
     order = rng.permutation(len(seen))
     heading = seen.heading + T[:, 0]
     normal = np.stack((np.cos(heading), np.sin(heading)), axis=-1)
     walls = tuple(
         WallSurface(
-            f"W{n}", names.get(int(map_rooms.home[k])), _xy(centre[k]), _xy(normal[k]),
+            f"W{n}", names.get(int(map_rooms.home[k])), xy_of(centre[k]), xy_of(normal[k]),
             None if np.isnan(seen.length[k]) else float(seen.length[k]), FLOOR_ID,
         )
         for n, k in enumerate(order)
@@ -208,7 +220,7 @@ def _doors(
     for door in map_rooms.doors:
         if all(r in names for r in door.rooms):
             place = se2.apply(motions[door.seen_from], door.place) + sigma * rng.normal(size=2)
-            found.append((tuple(sorted(names[r] for r in door.rooms)), _xy(place)))
+            found.append((tuple(sorted(names[r] for r in door.rooms)), xy_of(place)))
     return tuple(Door(f"D{n}", rooms, place) for n, (rooms, place) in enumerate(sorted(found)))
 
 
@@ -226,10 +238,6 @@ def _box_centre(centre: Array, arm: Array) -> Array:
     grid = float(np.arctan2(longest[1], longest[0]))
     ends = se2.rotate(-grid, np.concatenate((centre + arm, centre - arm)))
     return se2.rotate(grid, (ends.min(axis=0) + ends.max(axis=0)) / 2)
-
-
-def _xy(point: Array) -> Xy:
-    return float(point[0]), float(point[1])
 
 
 def _triple(T: Array) -> Motion:

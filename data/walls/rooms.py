@@ -53,12 +53,16 @@ class Level:
     own: frozenset[str] | None = None
 
 
+def outlined(room: Room, area: Area) -> Room:
+    """The room with the outer ring of an area, and that ring's centroid."""
+    outer = shapely.Polygon(area.exterior)
+    polygon = tuple((float(x), float(y)) for x, y in outer.exterior.coords[:-1])
+    return replace(room, centroid=(float(outer.centroid.x), float(outer.centroid.y)), polygon=polygon)
+
+
 def finished(volume: RoomVolume) -> RoomVolume:
     """Returns the room with polygon and centroid from its area."""
-    outer = shapely.Polygon(volume.area.exterior)
-    polygon = tuple((float(x), float(y)) for x, y in outer.exterior.coords[:-1])
-    centroid = (float(outer.centroid.x), float(outer.centroid.y))
-    return replace(volume, room=replace(volume.room, centroid=centroid, polygon=polygon))
+    return replace(volume, room=outlined(volume.room, volume.area))
 
 
 def rooms_of_faces(

@@ -15,7 +15,8 @@ from data import SceneGraph
 from data.common.errors import UserError
 from data.generation.buildings import KINDS, generate_plan
 from data.geometry import se2
-from data.plans import Plan, read_plans, sources
+from data.plans import Plan, read_plans
+from data.plans.bim import split_of
 from data.scene_graph.graph import moved
 from data.synthetic_maps.noise_models import DrawnGraph, Motion, draw
 from evaluation.buildings import GENERATED, building_named
@@ -169,7 +170,7 @@ def described(pair: MatchCase, trained_on: Collection[str] = ()) -> dict[str, st
     if pair.regime == PUBLISHED_MAP:
         return {"set": name, "building": name, "role": "test"}
     own = load_plan(pair.plans, pair.plan).building
-    trained = name in (*TRAINING, *trained_on) and sources.split_of(own) != "test"
+    trained = name in (*TRAINING, *trained_on) and split_of(own) != "test"
     role = "training" if trained else "development" if name in DEVELOPMENT else "test"
     return {"set": "IFC" if pair.plans.endswith(".ifc") else name, "building": f"{name}/{own}", "role": role}
 

@@ -16,9 +16,8 @@ import numpy as np
 
 from data import SceneGraph
 from data.geometry import se2
-from data.synthetic_maps.exploration import Storey, Walk
-from data.synthetic_maps.noise_models import DrawnGraph, draw_walk
-from data.synthetic_maps.walks import nearest_first, perfect_map
+from data.synthetic_maps.exploration import Storey, Walk, nearest_first
+from data.synthetic_maps.noise_models import DrawnGraph, draw_walk, perfect_map
 from matching.ambiguity.symmetries import SelfSimilarity
 from matching.result import AnyMatcher, MatchResult
 

@@ -19,7 +19,7 @@ import numpy as np
 from data import SceneGraph
 from data.geometry import se2
 from data.synthetic_maps.exploration import Storey, storeys_of
-from data.synthetic_maps.walks import perfect_map
+from data.synthetic_maps.noise_models import perfect_map
 from data.synthetic_maps.wall_noise import MISSING, SIGMA_ACROSS, SIGMA_END
 from matching.arrays.walls import between_graphs
 from matching.engine.alternatives import alternative_placements

@@ -35,7 +35,7 @@ def main(arguments: list[str] | None = None) -> int:
     except ModuleNotFoundError as error:
         raise UserError(f"training needs {error.name}; pip install 'sgslam[torch]'") from None
     from data.plans import read_plans
-    from data.plans.sources import SHARES, split_of
+    from data.plans.bim import SHARES, split_of
 
     if options.preset not in PRESETS:
         raise UserError(f"--preset {options.preset}: give one of {', '.join(PRESETS)}")

@@ -18,7 +18,7 @@ from torch import Tensor
 from data.common.files import write_atomically
 from data.generation.buildings import generate_plan
 from data.geometry import se2
-from data.plans.sources import Plan
+from data.plans.bim import Plan
 from data.scene_graph import SceneGraph, Xy
 from data.scene_graph.graph import moved
 from data.synthetic_maps.noise_models import draw

@@ -16,7 +16,7 @@ from scipy.optimize import minimize
 from data.common.cli import Parser, run_command
 from data.common.files import write_json
 from data.geometry.se2 import Array
-from data.plans.sources import Split
+from data.plans.bim import Split
 from data.synthetic_maps.noise_models import DrawnGraph, draw
 from matching.engine.assignment import assign
 from matching.engine.hypotheses import Hypotheses, scene_of, search

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from data.plans.sources import Split
+from data.plans.bim import Split
 from data.scene_graph import SceneGraph
 from data.scene_graph.graph import mirrored
 from data.synthetic_maps.noise_models import NOISE_MODELS, DrawnGraph, draw

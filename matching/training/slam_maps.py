@@ -10,7 +10,7 @@ import numpy as np
 
 from data.common.errors import UserError
 from data.common.files import write_json
-from data.plans.sources import split_of
+from data.plans.bim import split_of
 from data.scene_graph import SceneGraph, WallSurface
 from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls

@@ -9,7 +9,7 @@ import numpy as np
 from data.generation.buildings import generate_plan
 from data.geometry import se2
 from data.geometry.se2 import Array
-from data.plans.sources import Plan, Split, split_of
+from data.plans.bim import Plan, Split, split_of
 from data.scene_graph import SceneGraph
 from data.synthetic_maps.noise_models import DrawnGraph
 from matching.engine.assignment import Pairs

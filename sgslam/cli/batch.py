@@ -13,10 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from data.common.cli import Parser, add_workers, called_as, run_command
-from data.common.cluster import completed
 from data.common.errors import UserError
 from data.common.files import read_json, text_lines, write_atomically, write_json
-from data.common.processes import may_have_children, run_isolated
+from data.common.processes import completed, may_have_children, run_isolated
 from sgslam.cli.execute import NOT_ENOUGH, execute, run_parser
 from sgslam.cli.options import RunOptions
 

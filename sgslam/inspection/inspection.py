@@ -8,7 +8,7 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from data import SceneGraph
-from data.common.cluster import completed
+from data.common.processes import completed
 from data.synthetic_maps.exploration import storeys_of
 from matching import Matcher
 from matching.ambiguity.plan_checks import PlanIssue, count_walls, plan_issues, walls_without_room

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from cluster_tasks import slowly_doubled
 
-from data.common import cluster as of_data
+from data.common import processes as of_data
 from data.common.cli import run_command
-from data.common.cluster import completed, connected
+from data.common.processes import completed, connected
 from sgslam.cli.batch import main as batch
 
 pytestmark = pytest.mark.slow

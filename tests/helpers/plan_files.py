@@ -18,7 +18,7 @@ import numpy as np
 import shapely
 from shapely.geometry import mapping
 
-from data.generation.plan_mesh import extruded
+from data.generation.level_building import extruded
 from data.geometry.areas import difference, united
 from data.ifc.writer import IfcWriter, Prism, box
 from data.plans.bim import load_bim
@@ -103,7 +103,7 @@ def dxf(path: Path, walls: Walls, draw: str, layer: str = "A-WALL", unit: float 
 
 
 def _ifc(path: Path, walls: Walls, rooms: bool = False) -> Path:
-    writer = IfcWriter("hall", {"Ground": 0.0})
+    writer = IfcWriter.begun("hall", {"Ground": 0.0})
     for polygon in shapely.get_parts(walls):
         pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
         body = [Prism(tuple(p.exterior.coords[:-1]), 0.0, TOP) for p in pieces]

@@ -78,7 +78,7 @@ def write_small_ifc(
 ) -> SmallBuilding:
     """Writes the building; `site` and `yaw` place it in the BIM frame, `elevation` is its storey's."""
     T = placed(site[0], site[1], site[2] + elevation, yaw)
-    writer = IfcWriter("small", {STOREY: 0.0}, T, millimetres)
+    writer = IfcWriter.begun("small", {STOREY: 0.0}, T, millimetres)
 
     def element(ifc_class: str, name: str, solid: Box) -> Any:
         return writer.element(ifc_class, name, STOREY, [box(*solid)])

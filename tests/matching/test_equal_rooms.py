@@ -9,7 +9,7 @@ from plans import a_graph, box, moved
 
 from data import Door, SceneGraph
 from data.generation.buildings import generate_plan
-from data.generation.plan_mesh import write_plan_mesh
+from data.generation.level_building import write_plan_mesh
 from data.plans.mesh_plan import read_mesh
 
 WIDE, DEEP, APART = 4.3, 7.7, 4.4

@@ -7,7 +7,7 @@ import pytest
 from plans import a_graph, box, flat, merged, moved, offices
 
 from data import Door, SceneGraph
-from data.synthetic_maps.walks import perfect_map
+from data.synthetic_maps.noise_models import perfect_map
 from matching.ambiguity.symmetries import Symmetry, symmetries
 from matching.engine.plan_walls import PlanWalls
 

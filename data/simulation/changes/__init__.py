@@ -10,11 +10,11 @@ import shapely
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
+from data.ifc.doors import FILLINGS
 from data.ifc.products import IfcProduct
 
 MOST = 0.3  # m that a wall is moved, or something else displaced
 LEAST = 0.1  # m across, of a moved wall
-FILLINGS = ("IfcDoor", "IfcWindow")
 GAP = 0.05  # m between a displaced opening and the wall's end, another opening, or what stands at the wall
 AT_FACE = 0.01  # m from a wall's face, within which something stands at it
 NICHE = 0.02  # m of a wall's thickness that an opening may leave and still go through it

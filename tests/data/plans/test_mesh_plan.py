@@ -10,7 +10,7 @@ from commands import called
 
 from data.common.errors import UserError
 from data.generation.buildings import generate_plan
-from data.generation.plan_mesh import HEIGHT, plan_triangles, write_plan_mesh
+from data.generation.level_building import HEIGHT, plan_triangles, write_plan_mesh
 from data.plans.mesh_plan import read_mesh
 from data.scans.formats import read_points
 from data.scene_graph import Room, SceneGraph

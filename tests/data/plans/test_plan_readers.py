@@ -221,7 +221,7 @@ def test_wrong_plans_are_refused_in_one_line(name: str, content: str, message: s
 
 
 def test_paths_and_bodies_that_are_no_plans_are_refused(tmp_path: Path) -> None:
-    IfcWriter("empty", {"Ground": 0.0}).save(tmp_path / "empty.ifc")
+    IfcWriter.begun("empty", {"Ground": 0.0}).save(tmp_path / "empty.ifc")
     for path, message in ((tmp_path / "empty.ifc", "has no walls"), (tmp_path / "none.ifc", "no such file")):
         with pytest.raises(UserError, match=message):
             load_bim(path, tmp_path / "cache")

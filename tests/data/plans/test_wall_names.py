@@ -76,7 +76,7 @@ def test_elements_are_found_by_the_grid(tmp_path: Path, unit: float) -> None:
 
 def test_a_plan_tells_which_wall_stands_where_in_a_plane(tmp_path: Path) -> None:
     """A room of 8 m by 4 m, whose northern side two walls of the model make, the second with a door."""
-    writer = IfcWriter("Two in a row", {"Ground": 0.0})
+    writer = IfcWriter.begun("Two in a row", {"Ground": 0.0})
     for name, first, last in (("first", 0.0, 3.0), ("second", 3.0, 8.0)):
         host = writer.element("IfcWall", name, "Ground", [box(first, 4.0, 0.0, last, 4.2, 2.6)])
     writer.cut(host, "Ground", box(5.0, 4.0, 0.0, 6.0, 4.2, 2.1))

@@ -21,9 +21,8 @@ from data.generation.demo_building import write_demo_building
 from data.ifc.deviations import write_as_built
 from data.plans import load_bim
 from data.plans.elements import other_bodies, planned_elements
-from data.synthetic_maps.exploration import Walk, storeys_of
+from data.synthetic_maps.exploration import Walk, nearest_first, storeys_of
 from data.synthetic_maps.noise_models import draw_walk
-from data.synthetic_maps.walks import nearest_first
 from matching import Matcher
 from matching.ambiguity.plan_checks import plan_issues
 from matching.ambiguity.rooms_to_localise import MatchCache, Trials, best_split
