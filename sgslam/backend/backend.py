@@ -115,6 +115,11 @@ class Backend:
         return np.array([k.T_map_sensor for k in self.keyframes]).reshape(-1, 4, 4)
 
     @property
+    def estimates(self) -> tuple[Floats, dict[int, Floats], dict[int, Floats]]:
+        """`poses`, and the planes (4,) in the map of walls and of level surfaces."""
+        return self.poses, self.planes_in_map, self.levels_in_map
+
+    @property
     def due(self) -> bool:
         """Whether the graph has grown enough since the last optimisation.
 
@@ -235,7 +240,6 @@ class Backend:
         self.planes_in_map = in_map(P, self._inputs.anchor_of)
         self.levels_in_map = in_map(F, self._inputs.anchor_of_level)
         self.T_map_local = values.atPose3(BIM).matrix() if values.exists(BIM) else None
-        self._sound = len(self.keyframes)
 
 
 def _anchors_wall(kind: Kind, key: Key) -> bool:

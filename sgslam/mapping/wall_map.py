@@ -60,8 +60,8 @@ class WallMap:
     are the back end's planes (4,) by wall number.
     """
 
-    def __init__(self, settings: SurfaceSettings, register: Register | None = None) -> None:
-        self._settings, self._register = settings, register or Register()
+    def __init__(self, settings: SurfaceSettings, register: Register) -> None:
+        self._settings, self._register = settings, register
         self.seen: list[SeenWall] = []
         self.planes_in_map: dict[int, Floats] = {}
         self.T_level_map: Floats = np.eye(4)
@@ -69,10 +69,6 @@ class WallMap:
         self._intervals: list[tuple[int, float, float]] = []  # wall, low, high of each observation
         self._across, self._along = np.empty(0), np.empty(0)  # m, each observation's centre relative to its wall
         self._joined_into: dict[int, int] = {}
-
-    def level_by(self, T_level_map: Floats) -> None:
-        """Sets T_level_map (4, 4), which puts the floor at z = 0."""
-        self.T_level_map = T_level_map
 
     def add(self, keyframe: int, T_map_sensor: Floats, pieces: list[tuple[WallObservation, Floats, Floats]]) -> None:
         """Adds the observations of a keyframe: each with its plane (4,) and ends (2, 3) in the sensor frame."""
@@ -97,9 +93,8 @@ class WallMap:
         for s in other.seen:
             self.seen.append(replace(s, keyframe=s.keyframe + keyframes, wall=wall_of[s.wall]))
 
-    def refresh(self, poses: Floats, planes_in_map: dict[int, Floats], T_level_map: Floats) -> None:
+    def refresh(self, poses: Floats, planes_in_map: dict[int, Floats]) -> None:
         """Updates the walls from the back end: `poses` (K, 4, 4), T_map_sensor of all keyframes, and planes (4,)."""
-        self.T_level_map = T_level_map
         observed = {s.wall for s in self.seen}
         self.planes_in_map = {wall: plane for wall, plane in planes_in_map.items() if wall in observed}
         self._extent, self._intervals = {}, []
@@ -113,7 +108,7 @@ class WallMap:
         normal, offset = self._as_lines(np.stack(list(self.planes_in_map.values())))
         row = np.empty(int(ids.max()) + 1, dtype=np.int64)
         row[ids] = np.arange(len(ids))
-        ends = transform_points((T_level_map @ T)[:, None], np.stack([s.ends for s in self.seen]))
+        ends = transform_points((self.T_level_map @ T)[:, None], np.stack([s.ends for s in self.seen]))
         owner = row[[s.wall for s in self.seen]]
         middle = ends[..., :2].mean(axis=1)
         self._across = np.sum(middle * normal[owner], axis=1) + offset[owner]

@@ -108,7 +108,7 @@ class PriorMap:
         for floor in other.floors.maps:
             if storeys[floor.number] == len(self.floors.maps):
                 begun = self.floors.begin()
-                begun.walls.level_by(floor.walls.T_level_map @ inverse(T_map_other))
+                begun.walls.T_level_map = floor.walls.T_level_map @ inverse(T_map_other)
             known = self.floors.maps[storeys[floor.number]]
             known.walls.absorb(floor.walls, first, wall_of)
             known.levels.absorb(floor.levels, first, levels, T_map_other)
@@ -128,11 +128,11 @@ class PriorMap:
         for _ in range(6):  # at most
             self.backend.optimise(self.floors.seen, self.floors.levels, [], None, steps=20)
             walls = len({s.wall for s in self.floors.seen})
-            self.floors.refresh(self.backend, self.height, last=False)
+            self.floors.refresh(*self.backend.estimates, self.height, last=False)
             if len({s.wall for s in self.floors.seen}) == walls:
                 break
         for floor in self.floors.maps:
-            floor.cut(self.backend, config)
+            floor.cut(self.backend.keyframes, config)
 
     def _storeys(self, other: "PriorMap", T_map_other: Floats) -> dict[int, int]:
         """Floor numbers of this map by those of another one: the floor at the same height, else a new number."""
