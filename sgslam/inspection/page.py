@@ -16,7 +16,7 @@ def inspection_html(inspection: Inspection, name: str) -> str:
     """The page; `name` is the building's. All strings from data are escaped."""
     return TEMPLATES.get_template("inspection/inspection.html").render(
         name=name,
-        tiles=_tiles(inspection),
+        tiles=key_figures(inspection),
         issues=_issue_rows(inspection),
         storeys=_storeys(inspection),
         similar_storeys=[_storey_row(inspection, place) for place in inspection.similar_storeys],
@@ -36,7 +36,8 @@ def _storeys(inspection: Inspection) -> Iterator[tuple[str, str, list[list[str]]
             yield _storey_name(inspection, floor_id), svg, _room_rows(inspection, floor_id)
 
 
-def _tiles(inspection: Inspection) -> dict[str, int | str]:
+def key_figures(inspection: Inspection) -> dict[str, int | str]:
+    """Values by their names, of the whole plan."""
     graph, found = inspection.graph, [r.to_localise for r in inspection.rooms.values()]
     counts = [n.rooms for n in found if n.rooms is not None]
     return {
@@ -48,6 +49,7 @@ def _tiles(inspection: Inspection) -> dict[str, int | str]:
         "rooms to localise, median": median_high(counts) if counts else NOTHING,
         "rooms to localise, maximum": max(counts, default=NOTHING),
         "start rooms that stay ambiguous": sum(n.outcome == "never" for n in found),
+        "start rooms that are not found": sum(n.outcome == "not found" for n in found),
     }
 
 

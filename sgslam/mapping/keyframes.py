@@ -10,7 +10,6 @@ from sgslam.geometry.frames import angle_of, inverse
 
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]  # of what there is much of
-SMOOTHED = 0.6  # times a step's standard deviations after a second pass; measured 0.4 to 0.9 in 16 drives
 _STANDING = 50  # scans from keyframe to keyframe while the sensor stands; doubled after each
 
 

@@ -112,11 +112,6 @@ def current_storey(data: ReportData) -> Floor | None:
     return max(by_id.values(), key=lambda f: sum(r.floor == f.id for r in rooms))
 
 
-def path_length(places: Array) -> float:
-    """The length (m) of a path through points (N, 2 or 3)."""
-    return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
-
-
 def placement(data: ReportData, floor: Floor | None) -> tuple[Array, str]:
     """T_plan_map (4, 4), in plan view, and the plan's heading, which states how reliable it is.
 

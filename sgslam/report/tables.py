@@ -1,4 +1,4 @@
-"""The rows of the report's tables: summary, quality, matched rooms, hypotheses, seconds."""
+"""The rows of the report's tables: summary, quality, hypotheses, seconds."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -6,7 +6,7 @@ from typing import Any
 
 from sgslam.as_built.deviation_bands import MINUS
 from sgslam.config import AnchorSettings
-from sgslam.report.contents import ReportData, path_length
+from sgslam.report.contents import ReportData
 from sgslam.report.number_formats import NOTHING, metres, percent, seconds, signal_texts, thousands
 from sgslam.types import NO_PLAN
 
@@ -87,7 +87,7 @@ def summary_rows(data: ReportData) -> list[tuple[str, str]]:
             when = data.scans.seconds[apart]
             span = f"between {when.min():.1f} and {when.max():.1f} s; they are not drawn"
             rows["Scans in parts not placed"] = f"{thousands(int(apart.sum()))}, {span}"
-    rows["Distance travelled"] = f"{path_length(data.trajectory_map.positions):.1f} m"
+    rows["Distance travelled"] = f"{data.trajectory_map.length:.1f} m"
     return list(rows.items())
 
 
@@ -106,18 +106,6 @@ def _accuracy_rows(accuracy: dict[str, Any]) -> dict[str, str]:
         "Note on accuracy": str(accuracy.get("note") or NOTHING),
     }
     return {name: text for name, text in rows.items() if text != NOTHING}
-
-
-def room_rows(data: ReportData) -> list[tuple[str, str, str]]:
-    """Room of the map, room of the BIM and confidence."""
-    ours = data.s_graph.room_by_id
-    planned = data.a_graph.room_by_id if data.a_graph else {}
-
-    def name(rooms: dict[str, Any], room_id: str) -> str:
-        return (rooms[room_id].name or room_id) if room_id in rooms else room_id
-
-    pairs = (data.matches or {}).get("rooms") or ()
-    return [(name(ours, s), name(planned, a), f"{c:.2f}") for s, a, c in pairs]
 
 
 def hypothesis_rows(

@@ -8,13 +8,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from data import SceneGraph
 from sgslam.anchoring import BuildingAnchoring
 from sgslam.backend import Backend
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, level_at, level_map, raised, squared_up
 from sgslam.loops import LoopCloser
-from sgslam.mapping import Anchors, Floors, FloorTransition, KeyframeClouds, KeyframeNode, KeyframeRule
+from sgslam.mapping import Anchors, Floors, FloorTransition, KeyframeClouds, KeyframeNode, KeyframeRule, Scene
 from sgslam.mapping.wall_points import faces_of, wall_points
 from sgslam.perception import keyframe_scan
 from sgslam.registration.motion import few_points, motion_since_begin
@@ -287,8 +286,7 @@ class ActiveMap:
             for floor in self.floors.maps:
                 floor.cut(self.backend.keyframes, self._config)
 
-    def s_graph(self) -> SceneGraph:
-        """The current S-graph in the map frame; the floors' own scenes do not change."""
+    def scenes_now(self) -> list[Scene]:
+        """The scenes of all floors by the present estimates; the floors' own scenes do not change."""
         known = self.floors.maps if self.backend.keyframes else []
-        scenes = [floor.scene_now(self.backend.keyframes, self._config) for floor in known]
-        return self.floors.graph(self.backend.keyframes, scenes)
+        return [floor.scene_now(self.backend.keyframes, self._config) for floor in known]

@@ -85,15 +85,12 @@ class PriorMap:
 
     def plan(self) -> SceneGraph:
         """The S-graph in the form of a plan, for relocalising a run in it."""
-        T, parts = self.T_plan_map, [floor.scene.graph for floor in self.floors.maps if floor.scene is not None]
-        elevation = {f"floor-{number}": float(_foot(T, plane)[2]) for number, plane in _planes(self.floors).items()}
-        return SceneGraph(
-            "bim",
-            tuple(room for g in parts for room in g.rooms),
-            tuple(replace(surface, plane=None) for g in parts for surface in g.wall_surfaces),
-            tuple(door for g in parts for door in g.doors),
-            tuple(replace(floor, elevation=elevation.get(floor.id, 0.0)) for g in parts for floor in g.floors),
-        )
+        graph = self.floors.graph([], [floor.scene for floor in self.floors.maps if floor.scene is not None])
+        planes = _planes(self.floors).items()
+        elevation = {f"floor-{number}": float(_foot(self.T_plan_map, plane)[2]) for number, plane in planes}
+        walls = tuple(replace(surface, plane=None) for surface in graph.wall_surfaces)
+        floors = tuple(replace(floor, elevation=elevation.get(floor.id, 0.0)) for floor in graph.floors)
+        return replace(graph, frame="bim", wall_surfaces=walls, floors=floors, keyframes=())
 
     def join(self, other: "PriorMap", T_map_other: Floats, config: Config, same_run: bool = False) -> None:
         """Merges another map at `T_map_other` (4, 4) into this one; walls that both have seen become one.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from data import SceneGraph
 from data.common.errors import UserError
 from sgslam.viewer.canvas import Canvas
-from sgslam.viewer.scene import RunScene, with_rooms
+from sgslam.viewer.scene import RunScene
 
 if TYPE_CHECKING:
     from sgslam.anchoring.anchor_log import AnchorEvent
@@ -122,7 +122,7 @@ class RerunLog:
             _log.warning("%s is no longer written: %s: %s", self._path, type(error).__name__, error)
 
     def _log_map(self, slam: "SceneGraphSlam") -> None:
-        now, rr = with_rooms(slam), self._rr
+        now, rr = slam.snapshot(), self._rr
         self._scene.show(now)
         if now.reason:
             self._stream.log("matching", rr.TextLog(now.reason))

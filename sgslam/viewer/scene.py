@@ -1,8 +1,6 @@
 """The 3D scene of a run: the plan's storeys with the map on or beside them, and its matches."""
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +15,6 @@ from sgslam.session import Snapshot
 from sgslam.viewer.canvas import Canvas, rgb
 from sgslam.viewer.scans import ScanClouds
 from sgslam.viewer.shapes import elevation_of, path_lines, polygon_triangles, quad_triangles, ring_lines, wall_quads
-
-if TYPE_CHECKING:
-    from sgslam.slam import SceneGraphSlam
 
 Floats = NDArray[np.float64]
 LAYERS = {
@@ -36,15 +31,6 @@ ROOMS = ("#e6862b", "#3f78c9", "#45a35a", "#b45cc0", "#c9a227", "#2aa6a1", "#d65
 _SCAN_POINTS = 4000  # of the newest scan, about
 _ABOVE_FLOOR = 0.02  # m, of filled areas, so that those of plan and map do not flicker
 _RED = "#d64045"
-
-
-def with_rooms(slam: "SceneGraphSlam") -> Snapshot:
-    """The run as it is now. Without a plan, rooms are segmented only at the end, and now for this."""
-    now = slam.snapshot()
-    if now.plan is not None:
-        return now
-    graph = slam.s_graph()
-    return replace(now, graphs=tuple(graph.on_floor(floor.id) for floor in graph.floors))
 
 
 class RunScene:

@@ -4,9 +4,11 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from data import SceneGraph, WallSurface
+from data.geometry.areas import polygons_of, triangles_of
 from data.scene_graph import WALL_HEIGHT
 
 Floats = NDArray[np.float64]
@@ -48,11 +50,7 @@ def ring_lines(rings: Iterable[Any], z: float) -> Floats:
 
 def polygon_triangles(ring: Any, z: float) -> Floats:
     """(T, 3, 3) the triangles of the area within a ring (K, 2) at height `z`; none for an area of zero."""
-    import shapely
-
-    area = shapely.make_valid(shapely.Polygon(ring)) if len(ring) > 2 else shapely.Polygon()
-    found = shapely.get_parts(shapely.constrained_delaunay_triangles(area))
-    flat = shapely.get_coordinates(found).reshape(-1, 4, 2)[:, :3]
+    flat = triangles_of(polygons_of(shapely.Polygon(ring if len(ring) > 2 else ())))
     return np.concatenate([flat, np.full((len(flat), 3, 1), z)], axis=2)
 
 
