@@ -21,16 +21,11 @@ _STEP = 0.05  # m across, between the parts of a wall that are two
 
 
 @dataclass
-class SeenWall:
+class SeenWall(WallObservation):
     """One wall observation of one keyframe, in the sensor frame; `wall` is relabelled when walls are joined."""
 
     keyframe: int
     wall: int
-    plane: Floats  # (4,)
-    ends: Floats  # (2, 3)
-    heights: tuple[float, float]  # above the floor
-    sigma_normal: float
-    sigma_offset: float
 
 
 @dataclass(frozen=True)
@@ -70,17 +65,15 @@ class WallMap:
         self._across, self._along = np.empty(0), np.empty(0)  # m, each observation's centre relative to its wall
         self._joined_into: dict[int, int] = {}
 
-    def add(self, keyframe: int, T_map_sensor: Floats, pieces: list[tuple[WallObservation, Floats, Floats]]) -> None:
-        """Adds the observations of a keyframe: each with its plane (4,) and ends (2, 3) in the sensor frame."""
+    def add(self, keyframe: int, T_map_sensor: Floats, pieces: list[WallObservation]) -> None:
+        """Adds the observations of a keyframe, in the sensor frame."""
         if not pieces:
             return
-        planes_in_map = transform_planes(T_map_sensor, np.stack([plane for _, plane, _ in pieces]))
-        ends_in_level = transform_points(self.T_level_map @ T_map_sensor, np.stack([ends for _, _, ends in pieces]))
+        planes_in_map = transform_planes(T_map_sensor, np.stack([piece.plane for piece in pieces]))
+        ends_in_level = transform_points(self.T_level_map @ T_map_sensor, np.stack([piece.ends for piece in pieces]))
         walls = self._associate(planes_in_map, ends_in_level[..., :2])
-        for (piece, plane, ends), plane_in_map, wall in zip(pieces, planes_in_map, walls, strict=True):
-            self.seen.append(
-                SeenWall(keyframe, wall, plane, ends, piece.heights, piece.sigma_normal, piece.sigma_offset)
-            )
+        for piece, plane_in_map, wall in zip(pieces, planes_in_map, walls, strict=True):
+            self.seen.append(SeenWall(**vars(piece), keyframe=keyframe, wall=wall))
             self.planes_in_map.setdefault(wall, plane_in_map)
         normals, _ = self._as_lines(np.stack([self.planes_in_map[wall] for wall in walls]))
         self._widen(np.array(walls), normals, ends_in_level[..., :2], [keyframe] * len(walls))

@@ -5,18 +5,19 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 from boxes import Array, pose
-from wall_pieces import Piece, piece
+from wall_pieces import piece
 
 from sgslam.config import SurfaceSettings
 from sgslam.mapping import SeenWall, WallMap
 from sgslam.mapping.level_map import Register
+from sgslam.perception import WallObservation
 
 LEVEL = pose(0.0, 0.0, 0.9)  # the map's origin is the first sensor, 0.9 m above the floor
 HERE, SOUTH, NORTH = pose(0, 0, 0), pose(0, -2, 0), pose(0, 2, 0, yaw=1.0)
 End = tuple[float, float]
 
 
-def walls_of(*seen: tuple[Array, Iterable[Piece]], level: Array = LEVEL) -> WallMap:
+def walls_of(*seen: tuple[Array, Iterable[WallObservation]], level: Array = LEVEL) -> WallMap:
     walls = WallMap(SurfaceSettings(), Register())
     walls.T_level_map = level
     for keyframe, (T, pieces) in enumerate(seen):
@@ -119,7 +120,7 @@ def test_a_wall_is_parted_where_it_steps_and_by_noise_alone_nowhere(step: float,
 def test_walls_are_parted_across_two_passes_only() -> None:
     walls = WallMap(SurfaceSettings(), Register())
     for keyframe, wall in ((0, 7), (1, 8), (9, 7), (9, 9)):
-        walls.seen.append(SeenWall(keyframe, wall, np.array([1.0, 0, 0, 0]), np.zeros((2, 3)), (0.0, 2.0), 0.01, 0.01))
+        walls.seen.append(SeenWall(np.array([1.0, 0, 0, 0]), np.zeros((2, 3)), (0.0, 2.0), 0.01, 0.01, keyframe, wall))
     walls.part({9}, {0, 1})
     first, second, again, alone = labels(walls)
     assert (first, second, alone) == (7, 8, 9) and again not in (7, 8, 9)
