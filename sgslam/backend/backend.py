@@ -15,10 +15,9 @@ from gtsam.symbol_shorthand import F, P, V, X
 from numpy.typing import NDArray
 
 from sgslam.backend.covariances import Uncertainty
-from sgslam.backend.graph_builder import GraphBuilder
+from sgslam.backend.graph_builder import GraphBuilder, offset_priors, point_factors
 from sgslam.backend.held_factors import KINDS, HeldFactors, Key, Kind, graph_of
 from sgslam.backend.variables import BIM, GraphInputs, start_values
-from sgslam.backend.wall_point_factors import offset_priors, point_factors
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, transform_planes
 from sgslam.mapping import Anchors, Closure, KeyframeNode, PlannedWall, RoomNode, SeenLevel, SeenWall
@@ -158,7 +157,7 @@ class Backend:
             kept = "the last estimates are kept"
             _log.warning("the optimisation of %d keyframes failed: %s; %s", len(self.keyframes), failure, kept)
 
-    def refine(self, faces: Faces, seen: WallPoints, steps: int = 20) -> None:
+    def refine(self, faces: Faces, seen: WallPoints) -> None:
         """Moves the estimates of an anchored map to the optimum of a graph in which points on planned walls take the
         place of the anchors of rooms, and of walls but for their directions. The held factors stay as they are."""
         inputs, settings = self._inputs, self._config.anchors
@@ -179,7 +178,7 @@ class Backend:
             graph.add(factor)
         # where most walls are moved the place that the walls agree on holds
         graph.add(gtsam.PriorFactorPose3(BIM, start.atPose3(BIM), gtsam.noiseModel.Diagonal.Sigmas(_PLACE)))
-        if failure := self._solve(steps, graph, start):
+        if failure := self._solve(20, graph, start):
             _log.warning("the adjustment of %d keyframes failed: %s", len(self.keyframes), failure)
         elif self._optimum is not None:
             self._optimum = known, *self._optimum[1:]
