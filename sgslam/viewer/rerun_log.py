@@ -35,7 +35,6 @@ class Recording(Canvas):
         self._rr, self._stream = rerun, stream
 
     def draw(self, kind: str, name: str, *content: Any) -> None:
-        """See `Canvas`."""
         rr = self._rr
         if kind == "lines":
             ends, colour, _ = content
@@ -52,11 +51,9 @@ class Recording(Canvas):
             self._stream.log(name, rr.Points3D([place], labels=[text], radii=0.01))
 
     def move(self, name: str, T: Floats) -> None:
-        """See `Canvas`."""
         self._stream.log(name, self._rr.Transform3D(translation=T[:3, 3], mat3x3=T[:3, :3]))
 
     def erase(self, name: str) -> None:
-        """See `Canvas`."""
         self._stream.log(name, self._rr.Clear(recursive=False))
 
     def hide(self, name: str, hidden: bool) -> None:
