@@ -40,7 +40,7 @@ class Grid:
         return np.clip(cells, 0, [self.shape[1] - 1, self.shape[0] - 1])
 
     def to_points(self, cells: NDArray[np.int32] | Floats) -> Floats:
-        """(N, 2) points of (column, row) cells."""
+        """(N, 2) or (2,) points of (column, row) cells."""
         return np.asarray(cells, dtype=float) * self.cell + self.origin
 
     def look_up(self, image: NDArray[np.int32], points: Floats) -> NDArray[np.int32]:
@@ -199,6 +199,6 @@ def _rooms(labels: NDArray[np.int32], grid: Grid, settings: RoomSettings) -> lis
         contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
         outline = cv2.approxPolyDP(max(contours, key=cv2.contourArea), 2.0, True)[:, 0]
         rows, columns = np.nonzero(mask)
-        centroid = grid.to_points(np.array([[columns.mean(), rows.mean()]]))[0]
+        centroid = grid.to_points(np.array([columns.mean(), rows.mean()]))
         rooms.append(SeenRoom(int(label), centroid, grid.to_points(outline), area))
     return rooms

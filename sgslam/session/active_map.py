@@ -129,7 +129,6 @@ class ActiveMap:
         else:
             self.floors.current = arrival.floor
             arrival.floor.levels.drift = arrival.drift
-        self.transition.end(arrival)
         return True
 
     def add_keyframe(self, points: Floats | None) -> None:
