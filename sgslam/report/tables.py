@@ -1,4 +1,4 @@
-"""The rows of the report's tables: summary, quality, hypotheses, seconds."""
+"""The rows of the report's tables: summary, quality and hypotheses."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -28,14 +28,11 @@ def badge(metrics: dict[str, Any]) -> str:
 
 def quality_rows(metrics: dict[str, Any]) -> list[tuple[str, str, str, str]]:
     """Phrase, value and limit of each signal of the map's quality, and whether it is within the limit."""
-    return [
-        (*signal_texts(name, own), _within(name, metrics) if own["ok"] else "outside its limit")
-        for name, own in (metrics.get("quality") or {}).items()
-    ]
-
-
-def _within(name: str, metrics: dict[str, Any]) -> str:
-    return ", but ".join(filter(None, ("within", doubt(metrics) if name == "place_probability" else "")))
+    rows = []
+    for name, own in (metrics.get("quality") or {}).items():
+        within = ", but ".join(filter(None, ("within", doubt(metrics) if name == "place_probability" else "")))
+        rows.append((*signal_texts(name, own), within if own["ok"] else "outside its limit"))
+    return rows
 
 
 def doubt(metrics: dict[str, Any]) -> str:
@@ -124,11 +121,3 @@ def hypothesis_rows(
         share = NOTHING if likely is None else percent(likely)
         rows.append((storeys.get(storey, storey), share, score, place, str(len(rooms))))
     return rows
-
-
-def stages_and_total(metrics: dict[str, Any]) -> dict[str, float]:
-    """The seconds of each stage, and the `total` at the end; empty where none were measured. The time for the report is
-    not known while it is written, so that the total is without it."""
-    stages = {k: v for k, v in (metrics.get("seconds") or {}).items() if isinstance(v, (int, float)) and k != "report"}
-    total = stages.pop("total", None) or sum(stages.values())
-    return {**stages, "total": total} if stages or total else {}
