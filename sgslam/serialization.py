@@ -118,7 +118,8 @@ def read_state(path: Path) -> tuple[dict[str, Any], dict[str, bytes]]:
     try:
         first, _, rest = path.read_bytes().partition(b"\n")
     except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror}); it cannot be resumed") from None
+        why = "no run wrote to it, or it was interrupted at its start"
+        raise UserError(f"{path}: no run state ({error.strerror}): {why}") from None
     found = _FIRST_LINE.fullmatch(first)
     if found is None:
         raise UserError(f"{path}: not a saved run; it cannot be resumed")

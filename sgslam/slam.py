@@ -139,11 +139,6 @@ class SceneGraphSlam(RunState):
         T_bim_sensor = None if T_bim_map is None else T_bim_map @ T_map_sensor
         return Update(stamp_ns, T_map_sensor, keyframes, self.anchored, T_bim_sensor, health)
 
-    def _release(self) -> None:
-        """Adds all scans that wait."""
-        self._tracked += self._tracking.release()
-        self._take_all()
-
     def finish(self, second_pass: bool = False) -> Result:
         """Matches and optimises a last time, and returns the result. Raises UserError if no scan was added.
 
@@ -154,7 +149,8 @@ class SceneGraphSlam(RunState):
         return replace(self._finish(second_pass), plan_file=self._plan_file, slam=self)
 
     def _finish(self, second_pass: bool) -> Result:
-        self._release()
+        self._tracked += self._tracking.release()
+        self._take_all()
         if not self._map.scans:
             raise UserError("no scan was added, so there is no result; call add_scan first")
         relocalisation = self._session.finish(self._map)

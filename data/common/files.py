@@ -1,12 +1,14 @@
 """Atomic files, written completely or not at all; users' JSON and text files; the order of files by their names; the
 user's cache."""
 
+import csv
+import io
 import json
 import os
 import re
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -52,6 +54,13 @@ def write_atomically(path: Path | str, content: str | bytes) -> None:
 def write_json(path: Path | str, value: Any) -> None:
     """Writes strict JSON (no NaN) atomically."""
     write_atomically(path, json.dumps(value, indent=1, allow_nan=False) + "\n")
+
+
+def write_csv(path: Path | str, rows: Iterable[Iterable[Any]]) -> None:
+    """Writes a table, whose first row is its head, atomically."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    write_atomically(path, text.getvalue())
 
 
 def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:

@@ -52,6 +52,11 @@ class Trajectory:
         """(N, 3) the sensor's positions in the trajectory's frame."""
         return self.poses[:, :3, 3]
 
+    @property
+    def length(self) -> float:
+        """The length (m) of the way."""
+        return float(np.linalg.norm(np.diff(self.positions, axis=0), axis=1).sum())
+
     def transformed(self, T_new_old: NDArray[np.float64]) -> "Trajectory":
         """Returns the same motion in another frame; `T_new_old` is (4, 4)."""
         return Trajectory(self.stamps_ns, T_new_old @ self.poses)

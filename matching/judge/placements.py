@@ -133,7 +133,7 @@ def _of_rooms(found: Hypotheses, terms: Terms) -> tuple[Array, Index]:
         space, home = plan.storeys[storey].free_space, terms.homes[k][rooms]
         at = space.room_at(se2.apply(moved[k], places))
         here, none = np.bincount(own, at == home[own]) / size, np.bincount(own, at < 0) / size
-        area = np.bincount(space.room[space.room >= 0], minlength=len(plan.storeys[storey].rooms))
+        area = np.bincount(space.room[space.room >= 0], minlength=max(len(plan.storeys[storey].rooms), 1))
         tokens[k, :, OF["has partner"]] = has = home >= 0
         tokens[k, :, OF["at home"]] = here * has
         tokens[k, :, OF["elsewhere"]] = 1 - none - here * has

@@ -51,7 +51,7 @@ def anchor_statuses(alignment: WallAlignment, scene: Scene, by: str) -> dict[Key
 
 
 def planned_walls(
-    alignment: WallAlignment, scene: Scene, statuses: dict[Key, AnchorStatus], T_local_level: Floats, origin: Floats
+    alignment: WallAlignment, scene: Scene, T_local_level: Floats, origin: Floats
 ) -> dict[int, list[PlannedWall]]:
     """The planned walls at which each wall of the map stands.
 
@@ -62,8 +62,8 @@ def planned_walls(
     for aligned in alignment.walls:
         wall, a_id = scene.wall_of_surface[aligned.surface.id], aligned.planned.id
         middle = np.array([*aligned.surface.centroid, np.mean(aligned.surface.height or 0.0)])
-        place, (_, by, why) = transform_points(T_local_level, middle), statuses[wall, a_id]
-        planned = PlannedWall(_local_plane(aligned.planned, origin), place, a_id, by, why, names[a_id])
+        place = transform_points(T_local_level, middle)
+        planned = PlannedWall(_local_plane(aligned.planned, origin), place, a_id, names[a_id])
         found.setdefault(wall, {})[a_id] = planned
     return {wall: list(planned.values()) for wall, planned in found.items()}
 

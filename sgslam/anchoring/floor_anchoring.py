@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from data.geometry import se2
 from matching.result import AnyMatcher, MatchResult
-from sgslam.anchoring.anchor_log import AnchorLog, AnchorStatus, Key
+from sgslam.anchoring.anchor_log import AnchorLog
 from sgslam.anchoring.anchored_rooms import anchor_statuses, matched_rooms, planned_walls, room_anchors
 from sgslam.anchoring.floor_matching import FloorMatching
 from sgslam.anchoring.level_alignment import ALIKE, align_levels
@@ -111,7 +111,7 @@ class FloorAnchoring:
             return None
         statuses = anchor_statuses(alignment, scene, self.commitment.name)
         self.log.update(scene.graph.keyframes[-1].stamp_ns, statuses)
-        anchors = self._anchors(cut, alignment, statuses, self.commitment.name)
+        anchors = self._anchors(cut, alignment)
         self._replaced = False
         return anchors
 
@@ -215,7 +215,7 @@ class FloorAnchoring:
                 self.withdraw(cut.scene, matching.reason)
         self.commitment = found or self.commitment
 
-    def _anchors(self, cut: Cut, alignment: WallAlignment, statuses: dict[Key, AnchorStatus], by: str) -> Anchors:
+    def _anchors(self, cut: Cut, alignment: WallAlignment) -> Anchors:
         """The anchors, at the back end's place unless that has moved off the one of walls and levels."""
         settings, origin, T_level_map = self._config.anchors, self._plan.origin, cut.walls.T_level_map
         T_bim_level = se2.to_se3(self._plan.T_a_s(alignment.place))
@@ -231,6 +231,6 @@ class FloorAnchoring:
         ):
             T_map_local = inverse(T_local_level @ T_level_map)
         assert T_map_local is not None
-        planes = planned_walls(alignment, cut.scene, statuses, T_local_level, origin) if settings.planes else {}
+        planes = planned_walls(alignment, cut.scene, T_local_level, origin) if settings.planes else {}
         rooms = room_anchors(alignment, cut.scene, origin, self.height) if settings.rooms else {}
-        return Anchors(T_map_local, planes, rooms, {} if heights is None else heights.planned, by)
+        return Anchors(T_map_local, planes, rooms, {} if heights is None else heights.planned)

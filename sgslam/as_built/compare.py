@@ -4,8 +4,6 @@ It reads elements.json of both, prints the elements that changed, and writes com
 """
 
 import argparse
-import csv
-import io
 import json
 import math
 from pathlib import Path
@@ -13,7 +11,7 @@ from typing import Any
 
 from data.common.cli import Parser, run_command
 from data.common.errors import UserError
-from data.common.files import write_atomically, write_json
+from data.common.files import write_csv, write_json
 from sgslam.as_built.elements import SURE_SIGMAS
 from sgslam.as_built.elements.files import JSON
 
@@ -94,11 +92,7 @@ def main(arguments: list[str] | None = None) -> int:
     options: argparse.Namespace = parser.parse_args(arguments)
     rows = compare(options.before, options.after)
     write_json(options.after / COMPARE_JSON, rows)
-    text = io.StringIO()
-    table = csv.DictWriter(text, _COLUMNS, lineterminator="\n")
-    table.writeheader()
-    table.writerows(rows)
-    write_atomically(options.after / COMPARE_CSV, text.getvalue())
+    write_csv(options.after / COMPARE_CSV, [_COLUMNS, *(row.values() for row in rows)])
     shown = Table("change", "name", "class", "storey", "before", "after")
     for row in rows:
         shown.add_row(*(str(row[name]) for name in ("change", "name", "ifc_class", "storey", "before", "after")))

@@ -15,10 +15,9 @@ from gtsam.symbol_shorthand import F, P, V, X
 from numpy.typing import NDArray
 
 from sgslam.backend.covariances import Uncertainty
-from sgslam.backend.graph_builder import GraphBuilder
+from sgslam.backend.graph_builder import GraphBuilder, offset_priors, point_factors
 from sgslam.backend.held_factors import KINDS, HeldFactors, Key, Kind, graph_of
 from sgslam.backend.variables import BIM, GraphInputs, start_values
-from sgslam.backend.wall_point_factors import offset_priors, point_factors
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, transform_planes
 from sgslam.mapping import Anchors, Closure, KeyframeNode, PlannedWall, RoomNode, SeenLevel, SeenWall
@@ -115,6 +114,11 @@ class Backend:
         return np.array([k.T_map_sensor for k in self.keyframes]).reshape(-1, 4, 4)
 
     @property
+    def estimates(self) -> tuple[Floats, dict[int, Floats], dict[int, Floats]]:
+        """`poses`, and the planes (4,) in the map of walls and of level surfaces."""
+        return self.poses, self.planes_in_map, self.levels_in_map
+
+    @property
     def due(self) -> bool:
         """Whether the graph has grown enough since the last optimisation.
 
@@ -153,7 +157,7 @@ class Backend:
             kept = "the last estimates are kept"
             _log.warning("the optimisation of %d keyframes failed: %s; %s", len(self.keyframes), failure, kept)
 
-    def refine(self, faces: Faces, seen: WallPoints, steps: int = 20) -> None:
+    def refine(self, faces: Faces, seen: WallPoints) -> None:
         """Moves the estimates of an anchored map to the optimum of a graph in which points on planned walls take the
         place of the anchors of rooms, and of walls but for their directions. The held factors stay as they are."""
         inputs, settings = self._inputs, self._config.anchors
@@ -174,7 +178,7 @@ class Backend:
             graph.add(factor)
         # where most walls are moved the place that the walls agree on holds
         graph.add(gtsam.PriorFactorPose3(BIM, start.atPose3(BIM), gtsam.noiseModel.Diagonal.Sigmas(_PLACE)))
-        if failure := self._solve(steps, graph, start):
+        if failure := self._solve(20, graph, start):
             _log.warning("the adjustment of %d keyframes failed: %s", len(self.keyframes), failure)
         elif self._optimum is not None:
             self._optimum = known, *self._optimum[1:]
@@ -235,7 +239,6 @@ class Backend:
         self.planes_in_map = in_map(P, self._inputs.anchor_of)
         self.levels_in_map = in_map(F, self._inputs.anchor_of_level)
         self.T_map_local = values.atPose3(BIM).matrix() if values.exists(BIM) else None
-        self._sound = len(self.keyframes)
 
 
 def _anchors_wall(kind: Kind, key: Key) -> bool:

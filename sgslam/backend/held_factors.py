@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import gtsam
 import numpy as np
@@ -14,7 +14,7 @@ from data.geometry.poses import poses_to_xyzquat
 Key = tuple[int | str, ...]
 Floats = NDArray[np.float64]
 Kind = Literal["start", "odometry", "wall", "level", "room", "loop", "anchor"]
-KINDS: tuple[Kind, ...] = ("start", "odometry", "wall", "level", "room", "loop", "anchor")
+KINDS: tuple[Kind, ...] = get_args(Kind)
 # in the order in which they were added, so that equal runs give equal graphs; those of a restored run are None until
 # they are made again
 Factors = dict[Key, gtsam.NonlinearFactor | None]

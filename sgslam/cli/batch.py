@@ -14,14 +14,12 @@ from typing import Any
 
 from data.common.cli import Parser, add_workers, called_as, run_command
 from data.common.errors import UserError
-from data.common.files import read_json, text_lines, write_atomically, write_json
+from data.common.files import read_json, text_lines, write_atomically, write_csv, write_json
 from data.common.processes import completed, may_have_children, run_isolated
 from sgslam.cli.execute import NOT_ENOUGH, execute, run_parser
 from sgslam.cli.options import RunOptions
 
 COLUMNS = ("scans", "plan", "out", "flags")
-MEASURED = ("scans", "scans_skipped", "anchored_share", "first_anchor_s")  # as in metrics.json
-RESULTS = ("scans_of", "plan", "out", "status", "reason", *MEASURED, "rmse_bim_m", "seconds")
 RECORD = "job.json"  # in a job's folder: what it is told and its exit code, null until it has ended
 _DONE = (0, NOT_ENOUGH)  # exit codes of a run that has written its results
 
@@ -55,7 +53,7 @@ class Job:
         write_json(self.out / RECORD, {"told": self.told, "code": code, "error": error})
 
     def result(self) -> dict[str, Any]:
-        """The row of the summary, with the names in `RESULTS`."""
+        """The row of the summary by its columns."""
         from sgslam.report.tables import badge
 
         metrics = read_json(self.out / "metrics.json", "a finished run") if self.is_done() else {}
@@ -65,7 +63,7 @@ class Job:
             "out": str(self.out),
             "status": badge(metrics) if metrics else "failed",
             "reason": metrics.get("reason") or self.record().get("error") or "",
-            **{name: metrics.get(name) for name in MEASURED},
+            **{name: metrics.get(name) for name in ("scans", "scans_skipped", "anchored_share", "first_anchor_s")},
             "rmse_bim_m": (metrics.get("accuracy") or {}).get("rmse_bim_m"),
             "seconds": (metrics.get("seconds") or {}).get("total"),
         }
@@ -138,11 +136,7 @@ def _write_summary(path: Path, results: list[dict[str, Any]]) -> tuple[Path, Pat
     links = [os.path.relpath(Path(result["out"]) / "report.html", page.parent) for result in results]
     template = TEMPLATES.get_template("report/batch.html")
     write_atomically(page, template.render(name=path.name, results=results, links=links))
-    text = io.StringIO()
-    writer = csv.DictWriter(text, RESULTS, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(results)
-    write_atomically(table, text.getvalue())
+    write_csv(table, [results[0], *(result.values() for result in results)])
     return page, table
 
 

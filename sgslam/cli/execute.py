@@ -100,12 +100,13 @@ def _print_summary(metrics: dict[str, Any], out: Path) -> None:
 
     table = Table(show_header=False, title=tables.badge(metrics))
     floors = "1 floor" if metrics["floors"] == 1 else f"{metrics['floors']} floors"
-    times = ", ".join(f"{name} {value:.1f}" for name, value in tables.stages_and_total(metrics).items())
+    seconds = metrics["seconds"]
+    stages = ", ".join(f"{name} {value:.1f}" for name, value in seconds.items() if name not in ("total", "report"))
     quality = ", but ".join(filter(None, (_quality(metrics["quality"]), tables.doubt(metrics))))
     rows = {"Reason": metrics["reason"], "Quality of the map": quality}
     rows |= tables.run_rows(metrics)
     rows["Map"] = f"{floors}, {metrics['rooms']} rooms, {metrics['wall_surfaces']} wall surfaces"
-    rows["Time"] = f"{times} s (without the report)"
+    rows["Time"] = f"{stages}, total {seconds['total']:.1f} s (without the report)"
     for name, value in rows.items():
         table.add_row(name, value)
     Console().print(table)

@@ -21,7 +21,7 @@ def main(arguments: list[str] | None = None) -> int:
     from data.plans import load_bim
     from matching.matcher import DEFAULT
     from sgslam.inspection import inspect
-    from sgslam.inspection.page import inspection_html
+    from sgslam.inspection.page import inspection_html, key_figures
     from sgslam.result.saving import prepare_folder
 
     bim = load_bim(options.bim, layers=options.layer)
@@ -41,16 +41,8 @@ def main(arguments: list[str] | None = None) -> int:
     write_atomically(out / PAGE, inspection_html(found, options.bim.name))
     for line in [*found.notices, *(issue.message for issue in found.issues)]:
         print(f"issue: {line}")
-    outside = sum(found.counts(floor.id)["walls_without_room"] for floor in found.graph.floors)
-    print(f"walls and columns that bound no room: {outside:,}")
-    needed = [r.to_localise for r in found.rooms.values()]
-    never, lost = (sum(n.outcome == outcome for n in needed) for outcome in ("never", "not found"))
-    known = sorted(n.rooms for n in needed if n.rooms is not None)
-    if known:
-        needs = f"median {known[len(known) // 2]}, maximum {known[-1]}"
-        print(f"rooms needed to localise, over {len(known)} start rooms: {needs}")
-    if never or lost:
-        print(f"never localised: {never} start rooms because of the building's symmetry, {lost} not matched")
+    for label, value in key_figures(found).items():
+        print(f"{label}: {value}")
     print(f"page: {out / PAGE}")
     return 0
 

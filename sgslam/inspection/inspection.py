@@ -29,7 +29,6 @@ class RoomInspection:
     similar_places: tuple[SimilarPlace, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Its form in inspection.json."""
         return {**asdict(self.to_localise), "similar_places": [asdict(place) for place in self.similar_places]}
 
 

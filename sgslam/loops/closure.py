@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.config.models import LoopSettings
-from sgslam.geometry.frames import angle_of, inverse, transform_points
-from sgslam.loops.pass_alignment import INLIER, SeenSpace, Submap, covariance_of, level_frame, register, search
+from sgslam.geometry.frames import angle_of, inverse, level_at, transform_points
+from sgslam.loops.pass_alignment import INLIER, SeenSpace, Submap, covariance_of, register, search
 from sgslam.mapping import Closure, KeyframeClouds, KeyframeNode, WallMap
 
 Floats = NDArray[np.float64]
@@ -50,7 +50,7 @@ class _Map:
     def submap(self, chosen: Index, i: int) -> Submap:
         """The clouds of the `chosen` keyframes that are nearest to keyframe i along the way, in its level frame."""
         own = np.sort(chosen[np.argsort(np.abs(self.way[chosen] - self.way[i]), kind="stable")[:_CLOUDS]])
-        T = inverse(level_frame(self.T_level_sensor[i])) @ self.T_level_sensor[own]
+        T = inverse(level_at(self.T_level_sensor[i])) @ self.T_level_sensor[own]
         return Submap.of([self.clouds[k] for k in own.tolist()], T)
 
 
@@ -81,9 +81,7 @@ class LoopCloser:
         for i in self._places(known, began + np.flatnonzero(here[began:])):
             earlier, drift = self._pass_near(known, i)
             found = self._verified(known, i, earlier, drift) if len(earlier) else None
-            if isinstance(found, str):
-                _log.debug("keyframe %d closes no loop: %s", i, found)
-            elif found is not None:
+            if found is not None:
                 self._pending.append(found)
                 accepted += self._accepted(known)
         return accepted
@@ -137,32 +135,30 @@ class LoopCloser:
         nearest = int(possible[np.argmin(off[possible])])
         return older[np.abs(known.way[older] - known.way[older[nearest]]) < _SUBMAP], float(drift[nearest])
 
-    def _verified(self, known: _Map, i: int, earlier: Index, drift: float) -> Closure | str:
-        """The closure of keyframe i to an earlier pass, or why there is none."""
+    def _verified(self, known: _Map, i: int, earlier: Index, drift: float) -> Closure | None:
+        """The closure of keyframe i to an earlier pass, None where there is none."""
         later = np.flatnonzero(known.on_floor & (np.abs(known.way - known.way[i]) < _SUBMAP))
         later = later[known.way[later] - known.way[earlier].max() > self._settings.gap / 2]
         # search: one place must fit, within the drift, and no other one nearly as well
         there, here = known.space(earlier), known.space(later)
         fit = search(there, here.points, known.places[i], drift, _TURN * drift)
-        if fit is None or fit.agreement < _AGREEMENT:
-            return "no place fits" if fit is None else f"agreement {fit.agreement:.2f}"
-        if fit.runner_up > fit.agreement - _DISTINCT:
-            return f"another place fits as well ({fit.runner_up:.2f} and {fit.agreement:.2f})"
+        if fit is None or fit.agreement < _AGREEMENT or fit.runner_up > fit.agreement - _DISTINCT:
+            return None
         # registration, from there
         T_level = fit.T_there_here @ known.T_level_sensor[i]
         j = int(earlier[np.argmin(np.linalg.norm(known.places[earlier] - T_level[:2, 3], axis=1))])
-        T_level_i, T_level_j = level_frame(known.T_level_sensor[i]), level_frame(known.T_level_sensor[j])
+        T_level_i, T_level_j = level_at(known.T_level_sensor[i]), level_at(known.T_level_sensor[j])
         T_frame_sensor = inverse(T_level_i) @ known.T_level_sensor[i]
         guess = inverse(T_level_j) @ fit.T_there_here @ T_level_i
         found = register(known.submap(earlier, j), known.submap(later, i), guess)
         if found is None or found.inliers < _INLIERS or found.held < _HELD:
-            return "no registration" if found is None else f"inliers {found.inliers:.2f}, held {found.held:.3f}"
+            return None
         # neither pass may see free space where the other sees walls
         T_level_later = T_level_j @ found.T_target_source @ T_frame_sensor
         motion = T_level_later @ inverse(known.T_level_sensor[i])
         for space, points, T in ((there, here.points, motion), (here, there.points, inverse(motion))):
             if space.agreement(transform_points(T, np.pad(points, ((0, 0), (0, 1))))[:, :2]) < _AGREEMENT:
-                return "one pass sees free space where the other sees surfaces"
+                return None
         correction = float(np.linalg.norm(T_level_later[:3, 3] - known.T_level_sensor[i][:3, 3]))
         T_earlier_later = inverse(known.T_level_sensor[j]) @ T_level_later
         why = (

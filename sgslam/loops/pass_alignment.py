@@ -192,11 +192,6 @@ def _information(T: Floats, points: Floats, normals: Floats) -> Floats:
     return np.asarray(J.T @ J)
 
 
-def level_frame(T_level_sensor: Floats) -> Floats:
-    """(4, 4) a level frame at the place of a sensor, with its heading."""
-    return se2_to_se3(float(np.arctan2(T_level_sensor[1, 0], T_level_sensor[0, 0])), *T_level_sensor[:3, 3].tolist())
-
-
 def covariance_of(found: Registration, T_source_sensor: Floats, least: Floats) -> Floats:
     """(6, 6) the covariance of a registration in the sensor's axes, rotation first, that of free directions wide.
     `least` (6,) are standard deviations that are added."""

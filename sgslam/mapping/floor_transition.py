@@ -41,7 +41,8 @@ class FloorTransition:
         self._lowest, self._highest = 0.0, 0.0
 
     def follow(self, T_level_sensor: Floats, T_level_map: Floats, floors: Floors) -> Arrival | None:
-        """Adds a pose (4, 4) in the level frame of the present floor; returns the arrival on a floor, if any."""
+        """Adds a pose (4, 4) in the level frame of the present floor; returns the arrival on a floor, if any, which
+        ends the transition."""
         here = np.array([*T_level_sensor[:2, 3], T_level_sensor[2, 3] - self.height])
         if not self.active:
             self.active = abs(here[2] - self.ground) > BUILDING.raised
@@ -58,7 +59,9 @@ class FloorTransition:
         since = way[uneven[-1] + 1 :] if len(uneven) else way
         if float(np.linalg.norm(since[:, :2] - here[:2], axis=1).max()) < BUILDING.landing:
             return None
-        return self._arrival(float(np.median(since[:, 2])), self._highest - self._lowest, T_level_map, floors)
+        arrival = self._arrival(float(np.median(since[:, 2])), self._highest - self._lowest, T_level_map, floors)
+        self.active, self.ground = False, 0.0 if arrival.floor is None else arrival.height
+        return arrival
 
     def _arrival(self, ground: float, climbed: float, T_level_map: Floats, floors: Floors) -> Arrival:
         """The arrival on ground of this height, after so many metres of climbing."""
@@ -71,7 +74,3 @@ class FloorTransition:
         if abs(above) < settings.home + drift:
             return Arrival(floors.maps[nearest], 0.0, drift)
         return Arrival(None, ground) if abs(above) > settings.storey else Arrival(floors.maps[nearest], above)
-
-    def end(self, arrival: Arrival) -> None:
-        """Ends the transition: the sensor is over level ground again."""
-        self.active, self.ground = False, 0.0 if arrival.floor is None else arrival.height

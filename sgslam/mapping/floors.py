@@ -1,7 +1,6 @@
 """The floors of a run: walls and scene of each, and the S-graph of all floors."""
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,20 +17,6 @@ from sgslam.mapping.wall_map import SeenWall, WallMap
 Floats = NDArray[np.float64]
 _SCENE, _UNPLACED = 16, 3  # keyframes between two segmentations of rooms, and while the map is not placed
 _GROWTH = 0.25  # of the keyframes of a floor, by which it grows between them
-
-
-class Estimates(Protocol):
-    """What the map takes from the factor graph, in the map frame: keyframes in the order in which they were taken, and
-    the planes (4,) of walls and level surfaces by number."""
-
-    keyframes: list[KeyframeNode]
-    planes_in_map: dict[int, Floats]
-    levels_in_map: dict[int, Floats]
-
-    @property
-    def poses(self) -> Floats:
-        """(K, 4, 4) T_map_sensor of all keyframes."""
-        ...
 
 
 @dataclass
@@ -55,15 +40,15 @@ class FloorMap:
         self.sensor_height, level = sensor_height, self.levels.floor()
         self.plane_in_map = None if level is None else self.levels.planes_in_map[level]
         if self.plane_in_map is not None or not self.number:
-            self.walls.level_by(level_map(self.plane_in_map, sensor_height))
+            self.walls.T_level_map = level_map(self.plane_in_map, sensor_height)
 
-    def scene_now(self, estimates: Estimates, config: Config) -> Scene:
-        """Rooms and wall surfaces from the present estimates, without changing `scene`."""
-        return build_scene(estimates.keyframes, self.walls, self.plane_in_map, config, self.number)
+    def scene_now(self, keyframes: list[KeyframeNode], config: Config) -> Scene:
+        """Rooms and wall surfaces from the present estimates of all keyframes, without changing `scene`."""
+        return build_scene(keyframes, self.walls, self.plane_in_map, config, self.number)
 
-    def cut(self, estimates: Estimates, config: Config) -> None:
+    def cut(self, keyframes: list[KeyframeNode], config: Config) -> None:
         """Updates `scene`: segments the rooms and the wall surfaces again."""
-        self.scene = self.scene_now(estimates, config)
+        self.scene = self.scene_now(keyframes, config)
 
 
 class Floors:
@@ -108,18 +93,20 @@ class Floors:
         grown = own - (0 if scene is None else len(scene.graph.keyframes))
         return grown >= max(least, _GROWTH * own)
 
-    def refresh(self, estimates: Estimates, height: float, last: bool) -> None:
+    def refresh(
+        self, poses: Floats, walls: dict[int, Floats], levels: dict[int, Floats], height: float, last: bool
+    ) -> None:
         """Updates the walls from the newest estimates, joins duplicates and splits walls with a step.
 
+        `poses` (K, 4, 4) are T_map_sensor of all keyframes, `walls` and `levels` the planes (4,) in the map by number.
         `height` (m) is the sensor's above the floor. At the `last` time walls are not split, since the graph has them.
         """
         for floor in self.maps:
-            floor.levels.refresh(estimates.levels_in_map, estimates.poses)
+            floor.levels.refresh(levels, poses)
             floor.find_floor(height)
-            T_level_map = floor.walls.T_level_map
-            floor.walls.refresh(estimates.poses, estimates.planes_in_map, T_level_map)
+            floor.walls.refresh(poses, walls)
             if not last and floor.walls.split_steps():
-                floor.walls.refresh(estimates.poses, estimates.planes_in_map, T_level_map)
+                floor.walls.refresh(poses, walls)
             if floor.walls.join_duplicates() and floor.scene is not None:
                 floor.scene = floor.scene.relabelled(floor.walls.current)
 

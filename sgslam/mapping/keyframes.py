@@ -10,7 +10,6 @@ from sgslam.geometry.frames import angle_of, inverse
 
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]  # of what there is much of
-SMOOTHED = 0.6  # times a step's standard deviations after a second pass; measured 0.4 to 0.9 in 16 drives
 _STANDING = 50  # scans from keyframe to keyframe while the sensor stands; doubled after each
 
 
@@ -99,15 +98,12 @@ class Closure:
 class PlannedWall:
     """A planned plane (4,) and the place (3,) near it where the wall was seen, both in the BIM frame.
 
-    `by` is what paired wall and plane, `why` the reason. `wall` names the planned wall that the plane is a face of,
-    empty where that is not known.
+    `wall` names the planned wall that the plane is a face of, empty where that is not known.
     """
 
     plane: Floats
     place: Floats
     a_id: str = ""
-    by: str = "given"
-    why: str = ""
     wall: str = ""
 
 
@@ -122,4 +118,3 @@ class Anchors:
     planes: dict[int, list[PlannedWall]]
     rooms: dict[int, Floats]  # room -> T_bim_room (4, 4)
     elevations: dict[int, tuple[float, float]]  # m, planned heights of level surfaces by number, and their sigmas
-    by: str = "given"  # origin of the storey and the rooms

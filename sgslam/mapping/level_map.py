@@ -16,17 +16,12 @@ _FLOOR_SHARE = 0.25  # of the largest level surface seen from above, the least a
 
 
 @dataclass
-class SeenLevel:
+class SeenLevel(LevelObservation):
     """An observation of a level surface at one keyframe, in the sensor frame; `level` is relabelled when levels are
-    joined. The other fields are as in `LevelObservation`."""
+    joined."""
 
     keyframe: int
     level: int
-    plane: Floats  # (4,)
-    places: Floats  # (C, 3)
-    is_floor: bool
-    sigma_normal: float
-    sigma_offset: float
 
 
 class Register:
@@ -36,7 +31,6 @@ class Register:
         self.count = 0
 
     def number(self) -> int:
-        """A new number."""
         self.count += 1
         return self.count - 1
 
@@ -76,9 +70,7 @@ class LevelMap:
             if level is None:
                 level = self._register.number()
                 self.planes_in_map[level] = plane
-            self.seen.append(
-                SeenLevel(keyframe, level, own.plane, own.places, own.is_floor, own.sigma_normal, own.sigma_offset)
-            )
+            self.seen.append(SeenLevel(**vars(own), keyframe=keyframe, level=level))
             self._join(level, places, own.is_floor)
         if any(own.is_floor for own in found):
             self.drift = 0.0

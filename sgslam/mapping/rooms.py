@@ -40,7 +40,7 @@ class Grid:
         return np.clip(cells, 0, [self.shape[1] - 1, self.shape[0] - 1])
 
     def to_points(self, cells: NDArray[np.int32] | Floats) -> Floats:
-        """(N, 2) points of (column, row) cells."""
+        """(N, 2) or (2,) points of (column, row) cells."""
         return np.asarray(cells, dtype=float) * self.cell + self.origin
 
     def look_up(self, image: NDArray[np.int32], points: Floats) -> NDArray[np.int32]:
@@ -103,21 +103,14 @@ class SeenRoom:
 
 
 @dataclass(frozen=True)
-class Passage:
-    """A door or neck between two rooms: their labels and its centre (2,)."""
-
-    rooms: tuple[int, int]
-    middle: Floats
-
-
-@dataclass(frozen=True)
 class Segmentation:
-    """`labels` (rows, columns): the room of each cell, 0 where there is none."""
+    """`labels` (rows, columns): the room of each cell, 0 where there is none. `passages` are the centres (2,) of doors
+    and necks between two rooms, by their labels."""
 
     grid: Grid
     labels: NDArray[np.int32]
     rooms: list[SeenRoom]
-    passages: list[Passage]
+    passages: dict[tuple[int, int], Floats]
 
     def at(self, points: Floats) -> NDArray[np.int32]:
         """(N,) the labels at points (N, 2)."""
@@ -135,10 +128,8 @@ def segment(space: FreeSpace, visited: Floats, settings: RoomSettings) -> Segmen
     rooms = _rooms(labels, space.grid, settings)
     kept = {room.label for room in rooms}
     labels[~np.isin(labels, list(kept))] = 0
-    passages = [
-        Passage(pair, space.grid.to_points(cells.mean(axis=0)[None])[0])
-        for pair, cells in _borders(_over_lintels(labels, space)).items()
-    ]
+    borders = _borders(_over_lintels(labels, space)).items()
+    passages = {pair: space.grid.to_points(cells.mean(axis=0)) for pair, cells in borders}
     return Segmentation(space.grid, labels, rooms, passages)
 
 
@@ -208,6 +199,6 @@ def _rooms(labels: NDArray[np.int32], grid: Grid, settings: RoomSettings) -> lis
         contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
         outline = cv2.approxPolyDP(max(contours, key=cv2.contourArea), 2.0, True)[:, 0]
         rows, columns = np.nonzero(mask)
-        centroid = grid.to_points(np.array([[columns.mean(), rows.mean()]]))[0]
+        centroid = grid.to_points(np.array([columns.mean(), rows.mean()]))
         rooms.append(SeenRoom(int(label), centroid, grid.to_points(outline), area))
     return rooms

@@ -55,8 +55,8 @@ def build_scene(
         for r in segmentation.rooms
     )
     doors = tuple(
-        Door(f"d{i}{suffix}", tuple(room_of[label] for label in p.rooms), _xy(p.middle))
-        for i, p in enumerate(segmentation.passages)
+        Door(f"d{i}{suffix}", tuple(room_of[label] for label in labels), _xy(middle))
+        for i, (labels, middle) in enumerate(segmentation.passages.items())
     )
     elevation = 0.0 if floor_in_map is None else float(-floor_in_map[3] / floor_in_map[2])
     seen_from = _keyframes(

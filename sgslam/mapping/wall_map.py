@@ -21,16 +21,11 @@ _STEP = 0.05  # m across, between the parts of a wall that are two
 
 
 @dataclass
-class SeenWall:
+class SeenWall(WallObservation):
     """One wall observation of one keyframe, in the sensor frame; `wall` is relabelled when walls are joined."""
 
     keyframe: int
     wall: int
-    plane: Floats  # (4,)
-    ends: Floats  # (2, 3)
-    heights: tuple[float, float]  # above the floor
-    sigma_normal: float
-    sigma_offset: float
 
 
 @dataclass(frozen=True)
@@ -60,8 +55,8 @@ class WallMap:
     are the back end's planes (4,) by wall number.
     """
 
-    def __init__(self, settings: SurfaceSettings, register: Register | None = None) -> None:
-        self._settings, self._register = settings, register or Register()
+    def __init__(self, settings: SurfaceSettings, register: Register) -> None:
+        self._settings, self._register = settings, register
         self.seen: list[SeenWall] = []
         self.planes_in_map: dict[int, Floats] = {}
         self.T_level_map: Floats = np.eye(4)
@@ -70,21 +65,15 @@ class WallMap:
         self._across, self._along = np.empty(0), np.empty(0)  # m, each observation's centre relative to its wall
         self._joined_into: dict[int, int] = {}
 
-    def level_by(self, T_level_map: Floats) -> None:
-        """Sets T_level_map (4, 4), which puts the floor at z = 0."""
-        self.T_level_map = T_level_map
-
-    def add(self, keyframe: int, T_map_sensor: Floats, pieces: list[tuple[WallObservation, Floats, Floats]]) -> None:
-        """Adds the observations of a keyframe: each with its plane (4,) and ends (2, 3) in the sensor frame."""
+    def add(self, keyframe: int, T_map_sensor: Floats, pieces: list[WallObservation]) -> None:
+        """Adds the observations of a keyframe, in the sensor frame."""
         if not pieces:
             return
-        planes_in_map = transform_planes(T_map_sensor, np.stack([plane for _, plane, _ in pieces]))
-        ends_in_level = transform_points(self.T_level_map @ T_map_sensor, np.stack([ends for _, _, ends in pieces]))
+        planes_in_map = transform_planes(T_map_sensor, np.stack([piece.plane for piece in pieces]))
+        ends_in_level = transform_points(self.T_level_map @ T_map_sensor, np.stack([piece.ends for piece in pieces]))
         walls = self._associate(planes_in_map, ends_in_level[..., :2])
-        for (piece, plane, ends), plane_in_map, wall in zip(pieces, planes_in_map, walls, strict=True):
-            self.seen.append(
-                SeenWall(keyframe, wall, plane, ends, piece.heights, piece.sigma_normal, piece.sigma_offset)
-            )
+        for piece, plane_in_map, wall in zip(pieces, planes_in_map, walls, strict=True):
+            self.seen.append(SeenWall(**vars(piece), keyframe=keyframe, wall=wall))
             self.planes_in_map.setdefault(wall, plane_in_map)
         normals, _ = self._as_lines(np.stack([self.planes_in_map[wall] for wall in walls]))
         self._widen(np.array(walls), normals, ends_in_level[..., :2], [keyframe] * len(walls))
@@ -97,9 +86,8 @@ class WallMap:
         for s in other.seen:
             self.seen.append(replace(s, keyframe=s.keyframe + keyframes, wall=wall_of[s.wall]))
 
-    def refresh(self, poses: Floats, planes_in_map: dict[int, Floats], T_level_map: Floats) -> None:
+    def refresh(self, poses: Floats, planes_in_map: dict[int, Floats]) -> None:
         """Updates the walls from the back end: `poses` (K, 4, 4), T_map_sensor of all keyframes, and planes (4,)."""
-        self.T_level_map = T_level_map
         observed = {s.wall for s in self.seen}
         self.planes_in_map = {wall: plane for wall, plane in planes_in_map.items() if wall in observed}
         self._extent, self._intervals = {}, []
@@ -113,7 +101,7 @@ class WallMap:
         normal, offset = self._as_lines(np.stack(list(self.planes_in_map.values())))
         row = np.empty(int(ids.max()) + 1, dtype=np.int64)
         row[ids] = np.arange(len(ids))
-        ends = transform_points((T_level_map @ T)[:, None], np.stack([s.ends for s in self.seen]))
+        ends = transform_points((self.T_level_map @ T)[:, None], np.stack([s.ends for s in self.seen]))
         owner = row[[s.wall for s in self.seen]]
         middle = ends[..., :2].mean(axis=1)
         self._across = np.sum(middle * normal[owner], axis=1) + offset[owner]

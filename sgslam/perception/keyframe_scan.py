@@ -1,6 +1,6 @@
 """What is seen from a keyframe: walls of its scan, and level surfaces of the scans since the keyframe before."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ class KeyframeScan:
     """What is seen from a keyframe, in the sensor frame: planes (4,), points (.., 3), and the vertical `up` (3,) with a
     standard deviation `sigma_up` (rad), infinite where the surfaces do not show it."""
 
-    walls: list[tuple[WallObservation, Floats, Floats]]  # the observation, its plane, its ends (2, 3)
+    walls: list[WallObservation]
     levels: list[LevelObservation]
     contour: Floats32  # (M, 3) one upright point of the high band for each column
     lintels: Floats32  # (L, 3) upright points at the height of lintels
@@ -79,12 +79,13 @@ def _off_levels(points: Floats, levels: list[LevelObservation]) -> Floats:
     return points[(np.abs(points @ planes[:, :3].T + planes[:, 3]) > 2 * INLIER).all(axis=1)]
 
 
-def _in_frame(T_a_b: Floats, found: list[WallObservation]) -> list[tuple[WallObservation, Floats, Floats]]:
-    """Observations in frame b, each with its plane (4,) and ends (2, 3) in frame a."""
+def _in_frame(T_a_b: Floats, found: list[WallObservation]) -> list[WallObservation]:
+    """Observations in the levelled frame b, in frame a."""
     if not found:
         return []
     planes = transform_planes(T_a_b, np.stack([o.plane for o in found]))
     heights = np.array([o.heights for o in found]).mean(axis=1)
     ends = np.empty((len(found), 2, 3))
     ends[..., :2], ends[..., 2] = [o.ends for o in found], heights[:, None]
-    return list(zip(found, planes, transform_points(T_a_b, ends), strict=True))
+    moved = zip(found, planes, transform_points(T_a_b, ends), strict=True)
+    return [replace(own, plane=plane, ends=ends) for own, plane, ends in moved]

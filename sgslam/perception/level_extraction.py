@@ -14,7 +14,7 @@ INLIER = 2.5 * SENSOR.range_noise  # m from the plane
 CELL = 0.5  # m, of the grid in which the area is counted
 
 
-@dataclass(frozen=True)
+@dataclass
 class LevelObservation:
     """A level surface seen in a few scans, in the frame of a sensor pose.
 

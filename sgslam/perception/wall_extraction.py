@@ -15,13 +15,14 @@ _LEAST_COLUMNS = 5  # of the virtual scan in a wall piece
 _MERGE_GAP = 0.5  # m between collinear pieces of one scan that are merged
 
 
-@dataclass(frozen=True)
+@dataclass
 class WallObservation:
-    """One wall piece seen in one scan, in the levelled frame (x y from the sensor, z above the floor).
+    """One wall piece seen in one scan.
 
-    `plane` is (nx, ny, nz, d) with n.x + d = 0 and n towards the sensor; `ends` (2, 2) its footprint;
-    `heights` the lowest and highest inlier; the sigmas are the fit's, of the normal (the worse of its two
-    angles) and of the offset at the foot of the perpendicular.
+    `plane` is (nx, ny, nz, d) with n.x + d = 0 and n towards the sensor; `ends` (2, 3) its footprint, halfway up, or
+    (2, 2) in plan view in the levelled frame (x y from the sensor, z above the floor); `heights` the lowest and highest
+    inlier above the floor; the sigmas are the fit's, of the normal (the worse of its two angles) and of the offset at
+    the foot of the perpendicular.
     """
 
     plane: Floats

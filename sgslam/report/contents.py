@@ -57,10 +57,6 @@ class ReportData:
         """S id to (A id, confidence); `kind` is `rooms` or `wall_surfaces`."""
         return {s: (a, confidence) for s, a, confidence in (self.matches or {}).get(kind) or ()}
 
-    def matched_rooms(self) -> int:
-        """The number of the plan's rooms that have a match. The map may have one of them in several pieces."""
-        return len({a for s, (a, _) in self.pairs("rooms").items() if s in self.s_graph.room_by_id})
-
 
 def split_by_floor(data: ReportData) -> list[ReportData]:
     """The data of each floor of the map, with the parts of the trajectories on it; unchanged if there is only one.
@@ -110,11 +106,6 @@ def current_storey(data: ReportData) -> Floor | None:
             return by_id[floor_id]
     rooms = data.a_graph.rooms
     return max(by_id.values(), key=lambda f: sum(r.floor == f.id for r in rooms))
-
-
-def path_length(places: Array) -> float:
-    """The length (m) of a path through points (N, 2 or 3)."""
-    return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
 
 
 def placement(data: ReportData, floor: Floor | None) -> tuple[Array, str]:

@@ -29,14 +29,10 @@ class ErrorLine:
     seconds: Array
     errors: Array
 
-    @property
-    def rmse(self) -> float:
-        """The root mean square of the errors."""
-        return float(np.sqrt(np.mean(self.errors**2)))
-
     def summary(self) -> str:
         """Its label with RMSE and maximum."""
-        return f"{self.label}: RMSE {metres(self.rmse)}, largest {metres(float(self.errors.max()))}"
+        rmse = float(np.sqrt(np.mean(self.errors**2)))
+        return f"{self.label}: RMSE {metres(rmse)}, largest {metres(float(self.errors.max()))}"
 
 
 def error_lines(data: ReportData) -> list[ErrorLine]:

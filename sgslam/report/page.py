@@ -2,9 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
-from data.common.files import write_atomically
 from sgslam.as_built.deviation_bands import LIMITS_MM, MINUS, UNPLANNED, band_labels
 from sgslam.report import tables
 from sgslam.report.contents import DRAWN_HYPOTHESES, ReportData, split_by_floor
@@ -17,13 +15,8 @@ from sgslam.report.plan_svg import plan_svg
 _DRAWN = ("rooms-matched", "bim-walls", "walls-unmatched", "walls-matched")  # of each
 
 
-def write_report(data: ReportData, path: Path | str) -> None:
-    """Writes the page atomically; it loads no other files."""
-    write_atomically(path, report_html(data))
-
-
 def report_html(data: ReportData) -> str:
-    """The page: status, key figures, plan, errors and tables. All strings from data are escaped."""
+    """The page: status, key figures, plan, errors and tables. All strings from data are escaped; it loads no files."""
     drawing, *others = drawings = [plan_drawing(part) for part in split_by_floor(data)]
     anchored, lines = data.T_bim_map is not None, error_lines(data)
     verdicts = verdict_counts(data.elements)
@@ -34,7 +27,8 @@ def report_html(data: ReportData) -> str:
         quality=tables.quality_rows(data.metrics),
         metrics=data.metrics,
         accuracy=data.metrics.get("accuracy") or {},
-        matched_rooms=data.matched_rooms(),
+        # the map may have a room in several pieces
+        matched_rooms=len({a for s, (a, _) in data.pairs("rooms").items() if s in data.s_graph.room_by_id}),
         figures=[] if anchored else list(_hypothesis_figures(data)),
         drawing=drawing,
         plan=plan_svg(drawing, 'id="plan" class="plan"'),
@@ -48,7 +42,6 @@ def report_html(data: ReportData) -> str:
         other_floors=[(other.heading, plan_svg(other)) for other in others],
         summary=tables.summary_rows(data),
         hypotheses=[] if anchored else tables.hypothesis_rows(data.hypotheses, storeys),
-        rooms=tables.room_rows(data),
         about=data.metrics.get("about") or {},
         elements=element_rows(data.elements),
         element_columns=COLUMNS,

@@ -88,11 +88,6 @@ class PlanDrawing:
         marks = [mark.points for layer in layers for mark in self.layers.get(layer, ())]
         return np.vstack([np.empty((0, 2)), *marks])
 
-    def centre(self) -> Array:
-        """(2,) the centre in whole metres, the origin of drawings."""
-        low, high = self.bounds()
-        return np.round((low + high) / 2)
-
     @property
     def with_deviations(self) -> bool:
         """Whether any mapped wall has a known deviation from the plan."""

@@ -77,7 +77,6 @@ def _axes(axes: Any, heading: str, frame: str) -> None:
 
 
 def draw_plan(axes: Any, drawing: PlanDrawing) -> None:
-    """Draws walls, rooms and paths."""
     from matplotlib.collections import LineCollection, PolyCollection
 
     bands = {f"band-{band}": color for band, color in zip(BANDS, BAND_COLORS, strict=True)}

@@ -39,7 +39,8 @@ def _name(name: Name, centre: Array) -> str:
 def plan_svg(drawing: PlanDrawing, attributes: str = 'class="plan"') -> str:
     """The SVG element with these `attributes` and a scale bar. Layers that are not empty are groups
     `layer-NAME`; a name may occur twice."""
-    centre, (low, high) = drawing.centre(), drawing.bounds()
+    low, high = drawing.bounds()
+    centre = np.round((low + high) / 2)
     groups = [(layer, "".join(_mark(mark, centre) for mark in marks)) for layer, marks in drawing.layers.items()]
     if way := drawing.layers.get("trajectory"):  # lines of no length: dots
         ends = (("start", way[0].points[:1]), ("end", way[-1].points[-1:]))

@@ -51,12 +51,8 @@ class RunFolder:
             raise UserError(f"{path}: no run's folder ({what}); give a run's --out") from None
         plan = path / "a_graph.json"
         a_graph = SceneGraph.load(plan) if plan.is_file() else None
-        run = RunFolder(path, SceneGraph.load(path / "s_graph.json"), a_graph, T_bim_map, matches, deviations, metrics)
-        try:
-            _ = run.keyframe_poses
-        except (TypeError, ValueError):
-            raise UserError(f"{path / 's_graph.json'}: a keyframe's pose is not x y z qx qy qz qw") from None
-        return run
+        s_graph = SceneGraph.load(path / "s_graph.json")
+        return RunFolder(path, s_graph, a_graph, T_bim_map, matches, deviations, metrics)
 
     @cached_property
     def elements(self) -> list[dict[str, Any]]:
@@ -96,22 +92,14 @@ class RunFolder:
         return "map" if self.T_bim_map is None else "bim"
 
     @property
-    def _T_frame_map(self) -> Floats:  # noqa: N802
-        return np.eye(4) if self.T_bim_map is None else self.T_bim_map
-
-    @cached_property
     def keyframe_poses(self) -> Floats:
         """(K, 4, 4) T_frame_sensor of the keyframes."""
-        poses = np.array([k.pose for k in self.s_graph.keyframes], dtype=float)
-        return self._T_frame_map @ xyzquat_to_poses(poses if len(poses) else poses.reshape(0, 7))
-
-    @property
-    def poses_by_keyframe(self) -> dict[int, Floats]:
-        """T_frame_sensor (4, 4) by the number of the keyframe; those of a foreign graph may have none."""
-        named = zip(self.s_graph.keyframes, self.keyframe_poses, strict=True)
-        return {int(k.id[1:]): T for k, T in named if k.id[1:].isdecimal()}
+        poses = xyzquat_to_poses(np.array([k.pose for k in self.s_graph.keyframes], dtype=float).reshape(-1, 7))
+        return poses if self.T_bim_map is None else self.T_bim_map @ poses
 
     def map_points(self, voxel: float) -> tuple[Floats, Floats]:
         """The point cloud map (N, 3) in voxels of this side (m), and unit vectors (N, 3) towards the sensor. Raises
         UserError where the keyframes' clouds are missing."""
-        return cloud_map(KeyframeClouds.open(self.path / CLOUDS), self.poses_by_keyframe, voxel)
+        numbers = [int(keyframe.id[1:]) for keyframe in self.s_graph.keyframes]
+        poses = dict(zip(numbers, self.keyframe_poses, strict=True))
+        return cloud_map(KeyframeClouds.open(self.path / CLOUDS), poses, voxel)

@@ -1,4 +1,4 @@
-"""The rows of the report's tables: summary, quality, matched rooms, hypotheses, seconds."""
+"""The rows of the report's tables: summary, quality and hypotheses."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -6,7 +6,7 @@ from typing import Any
 
 from sgslam.as_built.deviation_bands import MINUS
 from sgslam.config import AnchorSettings
-from sgslam.report.contents import ReportData, path_length
+from sgslam.report.contents import ReportData
 from sgslam.report.number_formats import NOTHING, metres, percent, seconds, signal_texts, thousands
 from sgslam.types import NO_PLAN
 
@@ -28,14 +28,11 @@ def badge(metrics: dict[str, Any]) -> str:
 
 def quality_rows(metrics: dict[str, Any]) -> list[tuple[str, str, str, str]]:
     """Phrase, value and limit of each signal of the map's quality, and whether it is within the limit."""
-    return [
-        (*signal_texts(name, own), _within(name, metrics) if own["ok"] else "outside its limit")
-        for name, own in (metrics.get("quality") or {}).items()
-    ]
-
-
-def _within(name: str, metrics: dict[str, Any]) -> str:
-    return ", but ".join(filter(None, ("within", doubt(metrics) if name == "place_probability" else "")))
+    rows = []
+    for name, own in (metrics.get("quality") or {}).items():
+        within = ", but ".join(filter(None, ("within", doubt(metrics) if name == "place_probability" else "")))
+        rows.append((*signal_texts(name, own), within if own["ok"] else "outside its limit"))
+    return rows
 
 
 def doubt(metrics: dict[str, Any]) -> str:
@@ -87,7 +84,7 @@ def summary_rows(data: ReportData) -> list[tuple[str, str]]:
             when = data.scans.seconds[apart]
             span = f"between {when.min():.1f} and {when.max():.1f} s; they are not drawn"
             rows["Scans in parts not placed"] = f"{thousands(int(apart.sum()))}, {span}"
-    rows["Distance travelled"] = f"{path_length(data.trajectory_map.positions):.1f} m"
+    rows["Distance travelled"] = f"{data.trajectory_map.length:.1f} m"
     return list(rows.items())
 
 
@@ -108,18 +105,6 @@ def _accuracy_rows(accuracy: dict[str, Any]) -> dict[str, str]:
     return {name: text for name, text in rows.items() if text != NOTHING}
 
 
-def room_rows(data: ReportData) -> list[tuple[str, str, str]]:
-    """Room of the map, room of the BIM and confidence."""
-    ours = data.s_graph.room_by_id
-    planned = data.a_graph.room_by_id if data.a_graph else {}
-
-    def name(rooms: dict[str, Any], room_id: str) -> str:
-        return (rooms[room_id].name or room_id) if room_id in rooms else room_id
-
-    pairs = (data.matches or {}).get("rooms") or ()
-    return [(name(ours, s), name(planned, a), f"{c:.2f}") for s, a, c in pairs]
-
-
 def hypothesis_rows(
     hypotheses: Sequence[Mapping[str, Any]], storeys: Mapping[str, str]
 ) -> list[tuple[str, str, str, str, str]]:
@@ -136,11 +121,3 @@ def hypothesis_rows(
         share = NOTHING if likely is None else percent(likely)
         rows.append((storeys.get(storey, storey), share, score, place, str(len(rooms))))
     return rows
-
-
-def stages_and_total(metrics: dict[str, Any]) -> dict[str, float]:
-    """The seconds of each stage, and the `total` at the end; empty where none were measured. The time for the report is
-    not known while it is written, so that the total is without it."""
-    stages = {k: v for k, v in (metrics.get("seconds") or {}).items() if isinstance(v, (int, float)) and k != "report"}
-    total = stages.pop("total", None) or sum(stages.values())
-    return {**stages, "total": total} if stages or total else {}

@@ -137,7 +137,7 @@ def _write_report(
     result: "Result", out: Path, truth: Trajectory | None, metrics: dict[str, Any], elements: Sequence[dict[str, Any]]
 ) -> None:
     # the drawing libraries are slow to import and needed only here
-    from sgslam.report.page import write_report
+    from sgslam.report.page import report_html
     from sgslam.report.plan_png import write_plan_png
 
     if truth is not None:  # the truth may continue after the run, on other storeys
@@ -156,5 +156,5 @@ def _write_report(
         anchors=result.anchors,
         elements=elements,
     )
-    write_report(data, out / "report.html")
+    write_atomically(out / "report.html", report_html(data))
     write_plan_png(data, out / "plan.png")

@@ -8,13 +8,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from data import SceneGraph
 from sgslam.anchoring import BuildingAnchoring
 from sgslam.backend import Backend
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, level_at, level_map, raised, squared_up
 from sgslam.loops import LoopCloser
-from sgslam.mapping import Anchors, Floors, FloorTransition, KeyframeClouds, KeyframeNode, KeyframeRule
+from sgslam.mapping import Anchors, Floors, FloorTransition, KeyframeClouds, KeyframeNode, KeyframeRule, Scene
 from sgslam.mapping.wall_points import faces_of, wall_points
 from sgslam.perception import keyframe_scan
 from sgslam.registration.motion import few_points, motion_since_begin
@@ -89,7 +88,7 @@ class ActiveMap:
         """Adds a tracked scan; returns whether a keyframe is due."""
         keyframes = self.backend.keyframes
         if not self.scans:
-            self.floors.current.walls.level_by(level_map(None, self.transition.height))
+            self.floors.current.walls.T_level_map = level_map(None, self.transition.height)
         T_map_sensor = self.T_map_odom @ scan.T_odom_sensor
         since = np.eye(4) if not keyframes else inverse(keyframes[-1].T_map_sensor) @ T_map_sensor
         self.scans.append(
@@ -125,12 +124,11 @@ class ActiveMap:
         if arrival is None:
             return False
         if arrival.floor is None:
-            self.floors.begin().walls.level_by(raised(T_level_map, -arrival.height))
+            self.floors.begin().walls.T_level_map = raised(T_level_map, -arrival.height)
             _log.info("a new floor begins, %+.2f m from the one that was left", arrival.height)
         else:
             self.floors.current = arrival.floor
             arrival.floor.levels.drift = arrival.drift
-        self.transition.end(arrival)
         return True
 
     def add_keyframe(self, points: Floats | None) -> None:
@@ -189,7 +187,7 @@ class ActiveMap:
             self._cut_scenes()
         elif self._scene_due():
             with self.stopwatch("rooms"):
-                self.floors.current.cut(self.backend, self._config)
+                self.floors.current.cut(self.backend.keyframes, self._config)
             if not self.placed and (anchors := self._anchors(last)) is not None:
                 self._estimate(anchors, last)
 
@@ -235,7 +233,7 @@ class ActiveMap:
             seen = wall_points(faces, ((T, self.clouds[k]) for k, T in enumerate(T_plan_sensor)))
             in_local = replace(seen, place=seen.place - self.anchoring.origin[:2])
             self.backend.refine(faces, in_local)
-        self.floors.refresh(self.backend, self.transition.height, last=True)
+        self.floors.refresh(*self.backend.estimates, self.transition.height, last=True)
         self._cut_scenes()
 
     def _anchors(self, last: bool) -> Anchors | None:
@@ -273,7 +271,7 @@ class ActiveMap:
         elif self.first_anchor_ns is None:
             self.first_anchor_ns = newest.stamp_ns
         with self.stopwatch("surfaces"):
-            refresh = partial(self.floors.refresh, self.backend, self.transition.height, last)
+            refresh = partial(self.floors.refresh, *self.backend.estimates, self.transition.height, last)
             self._follow_height(newest.T_map_sensor, refresh)
 
     def _scene_due(self, if_placed: bool = True) -> bool:
@@ -285,10 +283,9 @@ class ActiveMap:
     def _cut_scenes(self) -> None:
         with self.stopwatch("rooms"):
             for floor in self.floors.maps:
-                floor.cut(self.backend, self._config)
+                floor.cut(self.backend.keyframes, self._config)
 
-    def s_graph(self) -> SceneGraph:
-        """The current S-graph in the map frame; the floors' own scenes do not change."""
+    def scenes_now(self) -> list[Scene]:
+        """The scenes of all floors by the present estimates; the floors' own scenes do not change."""
         known = self.floors.maps if self.backend.keyframes else []
-        scenes = [floor.scene_now(self.backend, self._config) for floor in known]
-        return self.floors.graph(self.backend.keyframes, scenes)
+        return [floor.scene_now(self.backend.keyframes, self._config) for floor in known]

@@ -25,11 +25,7 @@ def write_run(folder: Path, about: dict[str, Any], state: dict[str, bytes]) -> b
 
 
 def read_run(folder: Path) -> tuple[dict[str, Any], dict[str, bytes]]:
-    """What is known about a run, such as whether it is `finished`, and its state. Raises UserError if there is none, or
-    if it is damaged or of another version."""
-    if not (folder / FILE).is_file():
-        why = "no run wrote to it, or it was interrupted at its start"
-        raise UserError(f"{folder}: no run state ({FILE}) in this folder: {why}")
+    """What is known about a run, such as whether it is `finished`, and its state; raises as `read_state`."""
     return read_state(folder / FILE)
 
 

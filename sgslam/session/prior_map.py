@@ -85,15 +85,12 @@ class PriorMap:
 
     def plan(self) -> SceneGraph:
         """The S-graph in the form of a plan, for relocalising a run in it."""
-        T, parts = self.T_plan_map, [floor.scene.graph for floor in self.floors.maps if floor.scene is not None]
-        elevation = {f"floor-{number}": float(_foot(T, plane)[2]) for number, plane in _planes(self.floors).items()}
-        return SceneGraph(
-            "bim",
-            tuple(room for g in parts for room in g.rooms),
-            tuple(replace(surface, plane=None) for g in parts for surface in g.wall_surfaces),
-            tuple(door for g in parts for door in g.doors),
-            tuple(replace(floor, elevation=elevation.get(floor.id, 0.0)) for g in parts for floor in g.floors),
-        )
+        graph = self.floors.graph([], [floor.scene for floor in self.floors.maps if floor.scene is not None])
+        planes = _planes(self.floors).items()
+        elevation = {f"floor-{number}": float(_foot(self.T_plan_map, plane)[2]) for number, plane in planes}
+        walls = tuple(replace(surface, plane=None) for surface in graph.wall_surfaces)
+        floors = tuple(replace(floor, elevation=elevation.get(floor.id, 0.0)) for floor in graph.floors)
+        return replace(graph, frame="bim", wall_surfaces=walls, floors=floors, keyframes=())
 
     def join(self, other: "PriorMap", T_map_other: Floats, config: Config, same_run: bool = False) -> None:
         """Merges another map at `T_map_other` (4, 4) into this one; walls that both have seen become one.
@@ -108,7 +105,7 @@ class PriorMap:
         for floor in other.floors.maps:
             if storeys[floor.number] == len(self.floors.maps):
                 begun = self.floors.begin()
-                begun.walls.level_by(floor.walls.T_level_map @ inverse(T_map_other))
+                begun.walls.T_level_map = floor.walls.T_level_map @ inverse(T_map_other)
             known = self.floors.maps[storeys[floor.number]]
             known.walls.absorb(floor.walls, first, wall_of)
             known.levels.absorb(floor.levels, first, levels, T_map_other)
@@ -128,11 +125,11 @@ class PriorMap:
         for _ in range(6):  # at most
             self.backend.optimise(self.floors.seen, self.floors.levels, [], None, steps=20)
             walls = len({s.wall for s in self.floors.seen})
-            self.floors.refresh(self.backend, self.height, last=False)
+            self.floors.refresh(*self.backend.estimates, self.height, last=False)
             if len({s.wall for s in self.floors.seen}) == walls:
                 break
         for floor in self.floors.maps:
-            floor.cut(self.backend, config)
+            floor.cut(self.backend.keyframes, config)
 
     def _storeys(self, other: "PriorMap", T_map_other: Floats) -> dict[int, int]:
         """Floor numbers of this map by those of another one: the floor at the same height, else a new number."""

@@ -115,7 +115,7 @@ class RunState:
         """
         if self._tracking.newest_ns is None and not self._map.scans:
             raise UserError("no scan was added, so there is no graph yet; call add_scan first")
-        return self._map.s_graph()
+        return self._map.floors.graph(self._map.backend.keyframes, self._map.scenes_now())
 
     def snapshot(self) -> Snapshot:
         """The current state, for viewers."""

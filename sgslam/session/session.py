@@ -97,7 +97,6 @@ class Session:
         return T_prior_part is not None
 
     def _anchor(self, ended: ActiveMap) -> None:
-        """Anchors a map to the building, and completes it."""
         ended.anchoring = self._anchored_in(self.bim, is_prior=False)
         ended.complete()
 

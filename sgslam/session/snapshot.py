@@ -21,7 +21,8 @@ class Snapshot:
     """The state of a run at one moment.
 
     `stamps_ns` (K,), `poses` (K, 4, 4) T_map_sensor and `floors` (K,) floor ids (None on a stair) are those of the
-    keyframes. `graphs` are the S-graph's floors in the map frame, as of their last update. `plan` is the graph that
+    keyframes. `graphs` are the S-graph's floors in the map frame, as of their last update; without a plan, which would
+    have rooms segmented, they are segmented for this. `plan` is the graph that
     the map is matched with; `T_plan_map` (4, 4) is None until it is placed there. `matches` has the form of
     matches.json, None until the map is placed; until then `hypotheses` are the matcher's: (floor id, hypothesis as in
     matches.json).
@@ -40,9 +41,10 @@ class Snapshot:
 
     @staticmethod
     def of(active: "ActiveMap") -> "Snapshot":
-        """Of a map, between two scans. Takes a few milliseconds and changes nothing."""
+        """Of a map, between two scans. Takes a few milliseconds, some tens without a plan, and changes nothing."""
         keyframes, T_map_local, anchoring = active.backend.keyframes, active.backend.T_map_local, active.anchoring
         matches, hypotheses = None, []
+        known = [floor.scene for floor in active.floors.maps if floor.scene is not None]
         if anchoring is not None and T_map_local is not None:
             matches = anchoring.answer(active.floors, anchoring.alignments(active.floors, T_map_local))
         elif anchoring is not None:
@@ -52,7 +54,7 @@ class Snapshot:
             stamps_ns=np.array([k.stamp_ns for k in keyframes], dtype=np.int64),
             poses=active.backend.poses,
             floors=tuple(None if k.storey is None else f"floor-{k.storey}" for k in keyframes),
-            graphs=tuple(floor.scene.graph for floor in active.floors.maps if floor.scene is not None),
+            graphs=tuple(scene.graph for scene in (active.scenes_now() if anchoring is None else known)),
             plan=None if anchoring is None else anchoring.a_graph,
             T_plan_map=active.T_plan_map,
             matches=matches,

@@ -11,7 +11,6 @@ Colour = tuple[int, int, int]
 
 
 def rgb(text: str) -> Colour:
-    """Parses a colour `#rrggbb`."""
     return int(text[1:3], 16), int(text[3:5], 16), int(text[5:7], 16)
 
 

@@ -14,7 +14,6 @@ from sgslam.session import Snapshot
 from sgslam.viewer.finished import FinishedRun, FinishedView
 from sgslam.viewer.page import Page, serve_until_interrupted
 from sgslam.viewer.panel import Panel
-from sgslam.viewer.scene import with_rooms
 
 if TYPE_CHECKING:
     from sgslam.slam import SceneGraphSlam
@@ -46,16 +45,14 @@ class LiveView:
         began = thread_time()
         try:
             with self.page.atomic():
-                self._draw(with_rooms(slam), slam.T_bim_map, update.T_map_sensor, points)
+                now = slam.snapshot()
+                self.panel.scene.show(now, _NEW_CLOUDS)
+                self.panel.scene.show_sensor(update.T_map_sensor, points, update.T_map_sensor)
+                self.panel.show(now, self._heading(now, slam.anchored), self._scans)
         except Exception as error:  # a failure to draw must not end the run
             _log.warning("the page in the browser is no longer updated: %s: %s", type(error).__name__, error)
             self._failed = True
         self._due = perf_counter() + max(EVERY_S, (thread_time() - began) / SHARE)
-
-    def _draw(self, now: Snapshot, T_bim_map: Floats | None, T_map_sensor: Floats, points: Floats) -> None:
-        self.panel.scene.show(now, _NEW_CLOUDS)
-        self.panel.scene.show_sensor(T_map_sensor, points, T_map_sensor)
-        self.panel.show(now, self._heading(now, T_bim_map is not None), self._scans)
 
     def _heading(self, now: Snapshot, anchored: bool) -> str:
         if now.plan is None:

@@ -54,7 +54,6 @@ class Page(Canvas):
             self.server.gui.reset()
 
     def close(self) -> None:
-        """Stops the server."""
         atexit.unregister(self.close)
         with contextlib.redirect_stdout(io.StringIO()):
             self.server.stop()
@@ -75,7 +74,6 @@ class Page(Canvas):
             camera.look_at, camera.position = at, place
 
     def draw(self, kind: str, name: str, *content: Any) -> None:
-        """See `Canvas`."""
         scene = self.server.scene
         if kind == "frame":
             (axes,) = content
@@ -102,12 +100,10 @@ class Page(Canvas):
         self._handles[name] = handle
 
     def move(self, name: str, T: Floats) -> None:
-        """See `Canvas`."""
         x, y, z, qx, qy, qz, qw = poses_to_xyzquat(T[None])[0].tolist()
         self._handles[name].position, self._handles[name].wxyz = (x, y, z), (qw, qx, qy, qz)
 
     def erase(self, name: str) -> None:
-        """See `Canvas`."""
         self._handles.pop(name).remove()
 
     def hide(self, name: str, hidden: bool) -> None:
@@ -135,7 +131,6 @@ def _start_server(host: str, port: int) -> "viser.ViserServer":
 
 
 def serve_until_interrupted(page: "Page") -> None:
-    """Serves a page until the user presses Ctrl-C."""
     print(f"view: {page.url} (Ctrl-C to stop)", flush=True)
     try:
         threading.Event().wait()

@@ -26,14 +26,14 @@ class Panel:
         with gui.add_folder("match hypotheses", visible=False) as self._places:
             self._hypotheses = gui.add_markdown("")
         with gui.add_folder("shown", expand_by_default=False):
-            for layer, text in LAYERS.items():
-                self._switch(layer, text)
+            for layer in LAYERS:
+                self._switch(layer)
             self.lift = gui.add_slider("map over plan (m)", 0.0, 6.0, 0.1, 0.0)
         self.storey.on_update(lambda _: self._choose())
         self.lift.on_update(lambda _: self.lift_map(float(self.lift.value)))
 
-    def _switch(self, layer: str, text: str) -> None:
-        box = self._page.server.gui.add_checkbox(text, True)
+    def _switch(self, layer: str) -> None:
+        box = self._page.server.gui.add_checkbox(layer, True)
         box.on_update(lambda _: self.scene.show_layer(layer, box.value))
 
     def _choose(self) -> None:

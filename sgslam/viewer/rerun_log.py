@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from data import SceneGraph
 from data.common.errors import UserError
 from sgslam.viewer.canvas import Canvas
-from sgslam.viewer.scene import RunScene, with_rooms
+from sgslam.viewer.scene import RunScene
 
 if TYPE_CHECKING:
     from sgslam.anchoring.anchor_log import AnchorEvent
@@ -35,7 +35,6 @@ class Recording(Canvas):
         self._rr, self._stream = rerun, stream
 
     def draw(self, kind: str, name: str, *content: Any) -> None:
-        """See `Canvas`."""
         rr = self._rr
         if kind == "lines":
             ends, colour, _ = content
@@ -52,11 +51,9 @@ class Recording(Canvas):
             self._stream.log(name, rr.Points3D([place], labels=[text], radii=0.01))
 
     def move(self, name: str, T: Floats) -> None:
-        """See `Canvas`."""
         self._stream.log(name, self._rr.Transform3D(translation=T[:3, 3], mat3x3=T[:3, :3]))
 
     def erase(self, name: str) -> None:
-        """See `Canvas`."""
         self._stream.log(name, self._rr.Clear(recursive=False))
 
     def hide(self, name: str, hidden: bool) -> None:
@@ -122,7 +119,7 @@ class RerunLog:
             _log.warning("%s is no longer written: %s: %s", self._path, type(error).__name__, error)
 
     def _log_map(self, slam: "SceneGraphSlam") -> None:
-        now, rr = with_rooms(slam), self._rr
+        now, rr = slam.snapshot(), self._rr
         self._scene.show(now)
         if now.reason:
             self._stream.log("matching", rr.TextLog(now.reason))

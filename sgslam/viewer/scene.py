@@ -1,13 +1,15 @@
 """The 3D scene of a run: the plan's storeys with the map on or beside them, and its matches."""
 
-from collections.abc import Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from data import Floor, Room, SceneGraph, WallSurface
+from data.geometry.areas import polygons_of, triangles_of
+from data.scene_graph import WALL_HEIGHT
 from data.trajectory import Trajectory
 from sgslam.as_built.deviation_bands import BANDS
 from sgslam.geometry.frames import se2_to_se3, transform_points
@@ -16,35 +18,13 @@ from sgslam.report.plan_png import BAND_COLORS, BIM, MATCHED, PATHS, UNMATCHED
 from sgslam.session import Snapshot
 from sgslam.viewer.canvas import Canvas, rgb
 from sgslam.viewer.scans import ScanClouds
-from sgslam.viewer.shapes import elevation_of, path_lines, polygon_triangles, quad_triangles, ring_lines, wall_quads
-
-if TYPE_CHECKING:
-    from sgslam.slam import SceneGraphSlam
 
 Floats = NDArray[np.float64]
-LAYERS = {
-    "plan": "plan",
-    "walls": "mapped walls",
-    "rooms": "rooms",
-    "names": "names",
-    "scans": "scans",
-    "trajectory": "trajectory",
-    "matches": "matches",
-    "truth": "truth",
-}
+LAYERS = ("plan", "walls", "rooms", "names", "scans", "trajectory", "matches", "truth")
 ROOMS = ("#e6862b", "#3f78c9", "#45a35a", "#b45cc0", "#c9a227", "#2aa6a1", "#d65a5a", "#7a6fd0", "#8a9a2f", "#c4608f")
 _SCAN_POINTS = 4000  # of the newest scan, about
 _ABOVE_FLOOR = 0.02  # m, of filled areas, so that those of plan and map do not flicker
 _RED = "#d64045"
-
-
-def with_rooms(slam: "SceneGraphSlam") -> Snapshot:
-    """The run as it is now. Without a plan, rooms are segmented only at the end, and now for this."""
-    now = slam.snapshot()
-    if now.plan is not None:
-        return now
-    graph = slam.s_graph()
-    return replace(now, graphs=tuple(graph.on_floor(floor.id) for floor in graph.floors))
 
 
 class RunScene:
@@ -68,7 +48,6 @@ class RunScene:
         self._hidden: set[str] = set()
 
     def clear(self) -> None:
-        """Removes everything."""
         self.scans.clear()
         for name in ("/plan", "/map", "/matches", "/hypotheses", "/truth"):
             self.page.remove(name)
@@ -252,3 +231,48 @@ def _node_name(floor: Floor, taken: set[str]) -> str:
     """A storey's name for a node, with its id if the name is taken."""
     name = (floor.name or floor.id).replace("/", "-")
     return name if name not in taken else f"{name} {floor.id.replace('/', '-')}"
+
+
+def elevation_of(graph: SceneGraph | None, floor: str | None) -> float:
+    """The elevation (m) of a floor; 0 if unknown."""
+    floors = graph.floors if graph is not None else ()
+    return next((f.elevation for f in floors if f.id == floor and f.elevation is not None), 0.0)
+
+
+def wall_quads(surfaces: Sequence[WallSurface], below: float, absolute: bool) -> Floats:
+    """(N, 4, 3) corners of wall surfaces, around each: two below, two above. Heights are `absolute` z, as in a plan, or
+    relative to the floor at z = `below`."""
+    corners = np.empty((len(surfaces), 4, 3))
+    for row, surface in zip(corners, surfaces, strict=True):
+        low, high = surface.height or (0.0, WALL_HEIGHT)
+        if surface.height is None or not absolute:
+            low, high = low + below, high + below
+        row[:, :2] = np.array(surface.ends())[[0, 1, 1, 0]]
+        row[:, 2] = low, low, high, high
+    return corners
+
+
+def quad_triangles(corners: Floats) -> Floats:
+    """(2 N, 3, 3) the triangles of quadrilaterals (N, 4, 3)."""
+    return corners[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3)
+
+
+def ring_lines(rings: Iterable[Any], z: float) -> Floats:
+    """(N, 2, 3) the edges of open rings, each (K, 2), at height `z`."""
+    sides = [np.empty((0, 2, 2))]
+    for ring in rings:
+        points = np.asarray(ring, dtype=float)
+        sides.append(np.stack([points, np.roll(points, -1, axis=0)], axis=1))
+    flat = np.concatenate(sides)
+    return np.concatenate([flat, np.full((*flat.shape[:2], 1), z)], axis=2)
+
+
+def polygon_triangles(ring: Any, z: float) -> Floats:
+    """(T, 3, 3) the triangles of the area within a ring (K, 2) at height `z`; none for an area of zero."""
+    flat = triangles_of(polygons_of(shapely.Polygon(ring if len(ring) > 2 else ())))
+    return np.concatenate([flat, np.full((len(flat), 3, 1), z)], axis=2)
+
+
+def path_lines(points: Floats) -> Floats:
+    """(N - 1, 2, 3) the segments of the path through points (N, 3)."""
+    return np.stack([points[:-1], points[1:]], axis=1)

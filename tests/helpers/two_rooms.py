@@ -56,12 +56,12 @@ class Run:
             if i:
                 T_odom = T_odom @ self._slipped(inverse(self.truth[i - 1]) @ T)
             floor = self._noisy(self._in_sensor(FLOOR, i))
-            self.levels.append(SeenLevel(i, 0, floor, -floor[3] * floor[None, :3], True, 0.001, 0.003))
+            self.levels.append(SeenLevel(floor, -floor[3] * floor[None, :3], True, 0.001, 0.003, i, 0))
             self.backend.add_keyframe(KeyframeNode(i, 10**8 * i, T_odom, T_odom.copy(), step_covariance=STEP))
             for wall in visible(self.in_building[i]):
                 plane = self._noisy(self._in_sensor(WALLS[wall], i))
                 plane[3] += 0.1 * (self.rng.random() < outliers)
-                self.seen.append(SeenWall(i, wall, plane, _ends(plane), (0.1, 2.0), 0.001, 0.003))
+                self.seen.append(SeenWall(plane, _ends(plane), (0.1, 2.0), 0.001, 0.003, i, wall))
 
     def _slipped(self, step: Array) -> Array:
         """A step of the odometry that drags by 2 % and turns by 0.1 degrees."""

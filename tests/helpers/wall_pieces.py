@@ -8,10 +8,10 @@ from boxes import Array, Box, scene_of
 from sgslam.geometry.frames import inverse, transform_planes, transform_points
 from sgslam.perception import WallObservation
 
-Piece = tuple[WallObservation, Array, Array]
 
-
-def piece(T_map_sensor: Array, first: tuple[float, float], last: tuple[float, float], off: float = 0.0) -> Piece:
+def piece(
+    T_map_sensor: Array, first: tuple[float, float], last: tuple[float, float], off: float = 0.0
+) -> WallObservation:
     """A wall piece between two places of the map as a sensor sees it that errs by `off` m across."""
     ends = np.array([[*first, 0.3], [*last, 0.3]])
     tangent = (ends[1] - ends[0])[:2] / np.hypot(*(ends[1] - ends[0])[:2])
@@ -20,8 +20,7 @@ def piece(T_map_sensor: Array, first: tuple[float, float], last: tuple[float, fl
         normal = -normal
     ends += off * normal
     plane = transform_planes(inverse(T_map_sensor), np.array([*normal, -normal @ ends[0]]))
-    in_sensor = transform_points(inverse(T_map_sensor), ends)
-    return WallObservation(plane, in_sensor[:, :2], (0.2, 2.0), 0.01, 0.01), plane, in_sensor
+    return WallObservation(plane, transform_points(inverse(T_map_sensor), ends), (0.2, 2.0), 0.01, 0.01)
 
 
 def outlines(boxes: Sequence[Box], poses: Sequence[Array], noise: float = 0.0) -> list[Array]:

@@ -3,7 +3,6 @@
 They are in elements.json, and as tables in elements.csv and, with openpyxl, elements.xlsx.
 """
 
-import csv
 import io
 import logging
 import math
@@ -14,7 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from data.common.files import write_atomically, write_json
+from data.common.files import write_atomically, write_csv, write_json
 from sgslam.as_built.deviation_bands import UNPLANNED
 
 _log = logging.getLogger(__name__)
@@ -62,9 +61,7 @@ def write_tables(out: Path, entries: Sequence[Entry], unplanned: Sequence[Entry]
     """Writes the entries of elements.json as tables, with the pictures that are there; unplanned walls come last."""
     rows = [[*(cell(of) for cell in _COLUMNS.values()), _picture(out, of["global_id"])] for of in entries]
     rows += [_unplanned_row(entry) for entry in unplanned]
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([[*_COLUMNS, "picture"], *rows])
-    write_atomically(out / CSV, text.getvalue())
+    write_csv(out / CSV, [[*_COLUMNS, "picture"], *rows])
     if find_spec("openpyxl") is None:
         (out / XLSX).unlink(missing_ok=True)  # that of an earlier run in this folder
         _log.info("%s is not written; it needs pip install 'sgslam[office]'", XLSX)

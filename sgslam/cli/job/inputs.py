@@ -235,8 +235,7 @@ def _open_scans(options: RunOptions, config: Config) -> ScanSource:
 
         more = (options.cloud, options.times, config.tracking.stamp)
         return open_slam_output(options.slam_output, options.scan_dir, options.topic, *more)
-    if options.scan_dir is None:
-        raise UserError("--scan-dir is missing; give the folder that holds the scans, or --demo")
+    assert options.scan_dir is not None
     return open_scans(options.scan_dir, options.topic, config.tracking.stamp)
 
 

@@ -13,10 +13,12 @@ from data.common.errors import UserError
 from data.plans.bim import IFC_SUFFIXES, Bim
 from data.scans.scan import SkippedScan
 from matching.matcher import make_ready
+from sgslam.anchoring.wall_alignment import planar_pose
 from sgslam.cli.job.inputs import RunInputs
 from sgslam.cli.job.run import Run
 from sgslam.cli.options import Triple
 from sgslam.cli.processes.mapping_process import HeldAnchor, MapState
+from sgslam.geometry.frames import inverse, level_at, se2_to_se3
 from sgslam.result.saving import prepare_folder
 from sgslam.tracking import TrackerNotes
 from sgslam.types import TrackedScan
@@ -119,7 +121,5 @@ def _prepare_results(bim: Bim | None) -> None:
 def map_start(pose: Triple, T_map_sensor: Floats) -> Triple:
     """x, y, yaw of the map's origin in the BIM frame, for a sensor at `pose` there and at (4, 4) in the map."""
     x, y, yaw = pose
-    turned = yaw - float(np.arctan2(T_map_sensor[1, 0], T_map_sensor[0, 0]))
-    c, s = np.cos(turned), np.sin(turned)
-    along, across = T_map_sensor[:2, 3]
-    return x - float(c * along - s * across), y - float(s * along + c * across), turned
+    yaw, x, y = planar_pose(se2_to_se3(yaw, x, y) @ inverse(level_at(T_map_sensor))).tolist()
+    return x, y, yaw

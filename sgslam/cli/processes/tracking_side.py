@@ -38,7 +38,6 @@ class LogLines(logging.Handler):
         self._mapping = mapping
 
     def emit(self, record: logging.LogRecord) -> None:
-        """See `logging.Handler`."""
         with suppress(UserError):  # the other process has ended
             self._mapping.put("log", name=record.name, level=record.levelno, text=record.getMessage())
 

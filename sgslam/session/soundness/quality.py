@@ -93,11 +93,10 @@ def quality_of(
     - `position_sigma_m`: below which the standard deviation of 95 % of the positions lies: of the anchored scans, or of
       all where none is.
     """
-    way = float(np.linalg.norm(np.diff(in_map.positions, axis=0), axis=1).sum())
     sigma = np.linalg.norm(uncertainty.sigma[:, :3], axis=1)
     known = sigma[np.isfinite(sigma) & (uncertainty.anchored if uncertainty.anchored.any() else True)]
     at_most = {
-        "map_against_odometry": _difference(in_map, odometry, begins) / max(way, 1.0),
+        "map_against_odometry": _difference(in_map, odometry, begins) / max(in_map.length, 1.0),
         "lost_scans": lost,
         "unplaced_scans": unplaced,
         "keyframes_without_walls": float(np.mean([count == 0 for count in walls_seen])),

@@ -64,8 +64,7 @@ def test_statuses_say_why_a_wall_anchors_the_map() -> None:
 
 def anchored(*walls: AlignedWall) -> dict[int, list[PlannedWall]]:
     """In a local frame whose origin is at y = 3 m, in which the map lies 5 m high."""
-    statuses = anchor_statuses(of(*walls), SCENE, "match 1")
-    return planned_walls(of(*walls), SCENE, statuses, pose(0.0, 0.0, 5.0), np.array([0.0, 3.0, 0.0]))
+    return planned_walls(of(*walls), SCENE, pose(0.0, 0.0, 5.0), np.array([0.0, 3.0, 0.0]))
 
 
 def test_all_walls_are_anchored_at_their_planned_planes() -> None:

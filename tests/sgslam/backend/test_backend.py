@@ -60,7 +60,7 @@ def through_a_door(run: Run) -> None:
 
 def seen_once(run: Run) -> None:
     """A wall that only one keyframe saw is left to the wall map."""
-    run.seen.append(SeenWall(5, 99, np.array([0, -1.0, 0, 2]), np.zeros((2, 3)), (0.1, 2.0), 0.001, 0.003))
+    run.seen.append(SeenWall(np.array([0, -1.0, 0, 2]), np.zeros((2, 3)), (0.1, 2.0), 0.001, 0.003, 5, 99))
 
 
 @pytest.mark.parametrize(

@@ -59,7 +59,7 @@ def refined(built: SceneGraph, seed: int, error: list[float], sigma: float = 0.0
     for k, T in enumerate(odd):
         backend.add_keyframe(KeyframeNode(k, k, T_map @ T, T_map @ T))
     floor = np.array([0.0, 0.0, 1.0, SENSOR])
-    levels = [SeenLevel(k, 0, floor, np.zeros((1, 3)), True, 0.002, 0.005) for k in range(len(x))]
+    levels = [SeenLevel(floor, np.zeros((1, 3)), True, 0.002, 0.005, k, 0) for k in range(len(x))]
     # the anchors' own place is the one of before the last optimisation
     backend.optimise([], levels, [], Anchors(T_map @ pose(0.03, -0.03, 0.0), {}, {}, {0: (0.0, 0.01)}))
     backend.T_map_local = T_map

@@ -16,6 +16,7 @@ from sgslam.geometry.frames import inverse
 from sgslam.loops import LoopCloser
 from sgslam.loops.pass_alignment import Submap, register
 from sgslam.mapping import Closure, KeyframeNode, WallMap
+from sgslam.mapping.level_map import Register
 from sgslam.perception import keyframe_scan
 from sgslam.surfels import SurfelMap
 
@@ -83,8 +84,8 @@ def closed(building: str, slip: tuple[float, float]) -> tuple[Array, LoopCloser]
     for keyframe, step in zip(keyframes[1:], inverse(truth[:-1]) @ truth[1:], strict=True):
         T = T @ (step @ pose(slip[1] * np.linalg.norm(step[:3, 3]), 0.0, 0.0, slip[0]))
         drifted.append(replace(keyframe, T_map_sensor=T, T_track_sensor=T))
-    walls, closer = WallMap(SurfaceSettings()), LoopCloser(SETTINGS)
-    walls.level_by(pose(0.0, 0.0, 0.8, 0.0))
+    walls, closer = WallMap(SurfaceSettings(), Register()), LoopCloser(SETTINGS)
+    walls.T_level_map = pose(0.0, 0.0, 0.8, 0.0)
     for count in range(6, len(keyframes) + 6, 6):
         closer.look(drifted[:count], 0, walls.T_level_map, clouds)
     return truth, closer

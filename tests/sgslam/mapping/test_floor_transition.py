@@ -19,7 +19,6 @@ def follow(ground: Array) -> tuple[list[bool], list[Arrival]]:
     for x, z in zip(X, ground, strict=True):
         arrival = transition.follow(pose(x, 0, z - level + HEIGHT), np.eye(4), floors)
         if arrival is not None:
-            transition.end(arrival)
             arrivals.append(arrival)
             level += arrival.height if arrival.floor is None else 0.0  # heights are above the new floor then
         between.append(bool(transition.active))

@@ -10,6 +10,7 @@ from wall_pieces import outlines, piece
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, transform_points
 from sgslam.mapping import KeyframeNode, Scene, WallMap
+from sgslam.mapping.level_map import Register
 from sgslam.mapping.scene import build_scene
 
 HEIGHT = 0.8
@@ -28,12 +29,16 @@ WAY = [(1.0, 1.0), (2.5, 3.5), (3.5, 1.5), (4.6, 2.5), (5.4, 2.5), (7.0, 1.5), (
 def scene(request: pytest.FixtureRequest) -> tuple[Scene, Array]:
     """The S-graph and T_level_building; the map begins at the first keyframe, turned about."""
     T_map_building, T_level_map = inverse(pose(*WAY[0], HEIGHT, request.param)), pose(0.0, 0.0, HEIGHT)
-    way, walls, keyframes = [pose(*at, HEIGHT, 0.3 * i) for i, at in enumerate(WAY)], WallMap(Config().surfaces), []
-    walls.level_by(T_level_map)
+    way, walls, keyframes = (
+        [pose(*at, HEIGHT, 0.3 * i) for i, at in enumerate(WAY)],
+        WallMap(Config().surfaces, Register()),
+        [],
+    )
+    walls.T_level_map = T_level_map
     for i, (T, outline) in enumerate(zip(way, outlines(BOXES, way), strict=True)):
         keyframes.append(KeyframeNode(i, i * 10**9, T_map_building @ T, T_map_building @ T, outline))
         walls.add(i, T_map_building @ T, [piece(T, *ends) for ends in PIECES[int(T[0, 3] > 5)]])
-    walls.refresh(np.stack([k.T_map_sensor for k in keyframes]), {}, T_level_map)
+    walls.refresh(np.stack([k.T_map_sensor for k in keyframes]), {})
     walls.join_duplicates()
     return build_scene(keyframes, walls, np.array([0, 0, 1.0, HEIGHT]), Config()), T_level_map @ T_map_building
 

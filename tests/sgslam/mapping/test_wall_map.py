@@ -5,19 +5,21 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 from boxes import Array, pose
-from wall_pieces import Piece, piece
+from wall_pieces import piece
 
 from sgslam.config import SurfaceSettings
 from sgslam.mapping import SeenWall, WallMap
+from sgslam.mapping.level_map import Register
+from sgslam.perception import WallObservation
 
 LEVEL = pose(0.0, 0.0, 0.9)  # the map's origin is the first sensor, 0.9 m above the floor
 HERE, SOUTH, NORTH = pose(0, 0, 0), pose(0, -2, 0), pose(0, 2, 0, yaw=1.0)
 End = tuple[float, float]
 
 
-def walls_of(*seen: tuple[Array, Iterable[Piece]], level: Array = LEVEL) -> WallMap:
-    walls = WallMap(SurfaceSettings())
-    walls.level_by(level)
+def walls_of(*seen: tuple[Array, Iterable[WallObservation]], level: Array = LEVEL) -> WallMap:
+    walls = WallMap(SurfaceSettings(), Register())
+    walls.T_level_map = level
     for keyframe, (T, pieces) in enumerate(seen):
         walls.add(keyframe, T, list(pieces))
     return walls
@@ -50,7 +52,7 @@ def test_walls_of_other_directions_places_or_sides_are_others(
 ) -> None:
     walls = walls_of(*((T, [piece(T, *ends)]) for T, *ends in seen))
     assert labels(walls) == expected
-    walls.refresh(np.stack([T for T, *_ in seen]), walls.planes_in_map, LEVEL)
+    walls.refresh(np.stack([T for T, *_ in seen]), walls.planes_in_map)
     assert walls.join_duplicates() == 0 and labels(walls) == expected
 
 
@@ -70,7 +72,7 @@ def test_a_wall_with_two_doors_is_one_observation_of_a_keyframe() -> None:
     walls = walls_of((HERE, [piece(HERE, (-3, 3), (3, 3))]), (HERE, pieces))
     for _ in range(2):
         assert labels(walls) == [0] * 4 and walls.lines.count.tolist() == [2]
-        walls.refresh(np.stack([HERE, HERE]), {}, LEVEL)
+        walls.refresh(np.stack([HERE, HERE]), {})
 
 
 def test_duplicates_are_joined_when_the_estimates_bring_them_together() -> None:
@@ -80,7 +82,7 @@ def test_duplicates_are_joined_when_the_estimates_bring_them_together() -> None:
     both = ([piece(T, (-1, y), (2, y)) for y in (3, -2)] for T in truth)
     walls = walls_of(*zip(believed, both, strict=True))
     assert labels(walls) == [0, 1, 2, 3, 2, 3]
-    walls.refresh(truth, {}, LEVEL)
+    walls.refresh(truth, {})
     assert walls.join_duplicates() == 2
     assert labels(walls) == [2, 3, 2, 3, 2, 3]  # those that more keyframes have seen stay
     assert [walls.current(wall) for wall in range(4)] == [2, 3, 2, 3]
@@ -93,7 +95,7 @@ def test_end_to_end_walls_are_joined_without_a_step_and_not_with_one(step: float
     y = 3 + step
     walls = seen_from(HERE, ((-2.5, 3), (-0.5, 3)), ((1.0, y), (3.0, y)), ((-0.6, 3), (0.0, 3)), ((0.0, y), (1.1, y)))
     assert labels(walls)[:2] == [0, 1]
-    walls.refresh(np.stack([HERE] * 4), {}, LEVEL)
+    walls.refresh(np.stack([HERE] * 4), {})
     assert walls.join_duplicates() == joined
 
 
@@ -106,19 +108,19 @@ def test_a_wall_is_parted_where_it_steps_and_by_noise_alone_nowhere(step: float,
     seen = ((HERE, [piece(HERE, (low, 4.0), (high, 4.0), off)]) for (low, high), off in zip(ends, offs, strict=True))
     walls, poses = walls_of(*seen), np.stack([HERE] * 18)
     assert set(labels(walls)) == {0}
-    walls.refresh(poses, {}, LEVEL)
+    walls.refresh(poses, {})
     assert walls.split_steps() == parted
     for half in (places < 0, places > 0):
         assert len(set(np.array(labels(walls))[half].tolist())) == 1
-    walls.refresh(poses, {}, LEVEL)
+    walls.refresh(poses, {})
     assert len(walls.lines.ids) == 1 + parted
     assert walls.join_duplicates() == 0 and walls.split_steps() == 0
 
 
 def test_walls_are_parted_across_two_passes_only() -> None:
-    walls = WallMap(SurfaceSettings())
+    walls = WallMap(SurfaceSettings(), Register())
     for keyframe, wall in ((0, 7), (1, 8), (9, 7), (9, 9)):
-        walls.seen.append(SeenWall(keyframe, wall, np.array([1.0, 0, 0, 0]), np.zeros((2, 3)), (0.0, 2.0), 0.01, 0.01))
+        walls.seen.append(SeenWall(np.array([1.0, 0, 0, 0]), np.zeros((2, 3)), (0.0, 2.0), 0.01, 0.01, keyframe, wall))
     walls.part({9}, {0, 1})
     first, second, again, alone = labels(walls)
     assert (first, second, alone) == (7, 8, 9) and again not in (7, 8, 9)

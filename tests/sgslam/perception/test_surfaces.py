@@ -190,7 +190,7 @@ def test_surfaces_are_found_though_the_tracked_attitude_tilts_and_right_its_vert
     found = looked(scans, [tilt @ T for T in poses], 1.2)
     assert angles_deg(T[:3, :3] @ found.up, UP) < 0.5 + 0.05 * abs(roll_deg)
     assert found.sigma_up < np.radians(1.5)
-    walls = transform_planes(T, np.stack([plane for _, plane, _ in found.walls]))
+    walls = transform_planes(T, np.stack([wall.plane for wall in found.walls]))
     assert len(walls) >= 4
     assert np.abs(walls[:, 2]).max() < np.radians(2.0)  # upright in the room, not in `odom`
     floors = transform_planes(T, np.stack([level.plane for level in found.levels if level.is_floor]))
