@@ -49,17 +49,16 @@ class Judge:
     def __call__(self, found: Hypotheses, signs: Signs) -> Array:
         """(K,) the probability of each hypothesis, the likeliest first by evidence; what lacks to 1 is that of none.
 
-        The networks say how likely each is among all. The map is in the plan as probably as the surer of them and of
-        the evidence says: of buildings unlike those that they saw the networks know less. What the evidence leaves to
-        hypotheses beyond the judged ones stays theirs.
+        The networks say how likely each is among all. Whether the map is in the plan stays the evidence's: of buildings
+        unlike those that they saw the networks know less. What that leaves to hypotheses beyond the judged ones stays
+        theirs.
         """
         placements = placements_of(found, signs)
-        *judged, none = softmax([*self.logits(placements), 0.0])
-        among, rest = np.array(judged) / (1 - none), len(signs.evidence) - len(placements)
-        spread = np.full(rest, placements.unlisted / max(rest, 1))
-        among = np.concatenate((among * (1.0 - placements.unlisted), spread))
-        by_evidence = shipped().in_plan(signs[np.array([among.argmax()])])
-        return max(1.0 - none, by_evidence) * among
+        rest = len(signs.evidence) - len(placements)
+        unlisted = np.full(rest, placements.unlisted / max(rest, 1))
+        judged = softmax(self.logits(placements)) * (1.0 - placements.unlisted)
+        among = np.concatenate((judged, unlisted))
+        return shipped().in_plan(signs[np.array([among.argmax()])]) * among
 
     def logits(self, placements: Placements) -> Array:
         """(K,) log odds of each placement against none."""

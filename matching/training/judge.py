@@ -180,7 +180,7 @@ def measures(log_odds: Tensor, examples: Examples, sure: float = 0.99) -> dict[s
         share = shares(each, examples)
         if name == "judge":  # as `Judge` does
             total = np.repeat(np.add.reduceat(share, first), examples.rivals)
-            share = share / total * np.maximum(total, in_plan)
+            share = share / total * in_plan
         best = best_of(share, examples)
         decided, right = share[best] >= sure, examples.right[best]
         found |= {

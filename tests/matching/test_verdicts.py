@@ -11,11 +11,11 @@ import pytest
 from methods import SMALL, as_map, matcher
 from plans import a_graph, flat, moved, offices
 
-from matching.engine.assignment import assign
+from matching.engine.assignment import Pairs, assign
 from matching.engine.hypotheses import Hypotheses, scene_of, search
 from matching.engine.plan_walls import PlanWalls
 from matching.engine.room_signs import room_signs
-from matching.engine.verdict import Verdict, shipped, verify
+from matching.engine.verdict import Signs, Verdict, shipped, verify
 
 
 def least(holds: Callable[[float], bool], high: float) -> float:
@@ -42,7 +42,13 @@ def judged(found: Hypotheses, *scores: float, gone: int = 0, start: bool = False
     table = found.table.copy()
     table[0, np.argsort(found.scene.s.half)[:gone]] = -1
     some = replace(found, table=table)[np.arange(len(scores))]
-    return verify(replace(some, score=np.array(scores)), assign(found, 0), start)
+    return decided(replace(some, score=np.array(scores)), assign(found, 0), start)
+
+
+def decided(found: Hypotheses, pairs: Pairs, start: bool = False) -> Verdict:
+    """By evidence alone."""
+    signs = Signs.of(found, start)
+    return verify(found, pairs, shipped().probabilities(signs), shipped().temperature(signs, is_mirrored=True))
 
 
 def best(verdict: Verdict) -> float:
@@ -88,7 +94,7 @@ def test_the_same_evidence_is_less_in_a_larger_plan_and_more_near_a_start(found:
 def test_four_walls_are_too_few_and_five_are_not(found: Hypotheses) -> None:
     pairs = assign(found, 0)
     for count, status in ((4, "none"), (5, "unique")):
-        some = verify(found[np.zeros(1, dtype=np.int64)], replace(pairs, surfaces=pairs.surfaces[:count]))
+        some = decided(found[np.zeros(1, dtype=np.int64)], replace(pairs, surfaces=pairs.surfaces[:count]))
         assert some.status == status and (some.probabilities[0] > 0.9) is (status == "unique")
 
 
@@ -113,7 +119,7 @@ def test_a_reason_counts_alternatives_by_storeys(found: Hypotheses) -> None:
 
     def reason(count: int) -> str:
         some = equal[np.arange(count)]
-        return verify(replace(some, score=np.full(count, 300.0)), pairs).reason
+        return decided(replace(some, score=np.full(count, 300.0)), pairs).reason
 
     assert reason(2).startswith("2 storeys ") and reason(3).startswith("3 places on 2 storeys ")
     assert judged(found, 300.0, 300.0).reason.startswith("2 places ")

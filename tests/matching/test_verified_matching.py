@@ -18,16 +18,8 @@ OTHER = a_graph(flat(np.random.default_rng(4)), "ground", "other")
 DRAWN = draw(PLAN, "real", np.random.default_rng(1), 5)
 
 
-CAUTIOUS = (  # of the judge: where the plan has another storey or building, it is less sure than the evidence
-    "test_a_building_far_away_changes_nothing",
-    "test_finds_the_storey_and_equal_storeys_are_ambiguous_until_it_is_known",
-)
-
-
 @pytest.fixture(params=VERIFYING)
 def method(request: pytest.FixtureRequest) -> str:
-    if request.param == "learned" and request.node.originalname in CAUTIOUS:
-        request.applymarker(pytest.mark.xfail(reason="the judge is not sure of the right place", strict=True))
     return str(request.param)
 
 

@@ -108,7 +108,7 @@ def _judge(folder: Path) -> list[bytes]:
     from matching.training.judge import save_judge
 
     # the one that is shipped has more weights than form
-    save_judge(folder / "a", Judge({name: np.zeros(size, np.float32) for name, size in shapes(4).items()}))
+    save_judge(folder / "a", Judge({name: np.zeros(size, np.float32) for name, size in shapes(1, 4).items()}))
     return [(folder / "a").read_bytes()]
 
 
