@@ -48,9 +48,7 @@ class SoundnessModel:
         return Soundness(1 / (1 + math.exp(-max(min(log_odds, 50.0), -50.0))), nats)
 
     def nats(self, name: str, value: float) -> float:
-        """The log likelihood ratio of one signal; less than is usual of a sound map is never worse."""
-        if name != CROSSED:
-            value = max(value, math.exp(self.sound[name][0]))
+        """The log likelihood ratio of one signal."""
         return _log_density(name, value, self.sound[name]) - _log_density(name, value, self.unsound[name])
 
 
