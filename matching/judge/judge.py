@@ -1,8 +1,8 @@
 """`Judge`: the network that judges placements, in numpy; `matching.training.judge` trains it.
 
 A network on sets (M. Zaheer et al.: Deep Sets, 2017): each token passes a small network, the sums and means over each
-placement's tokens, with its features, another. The result is added to the log odds that the evidence gives. They are
-trained by a softmax over all placements and "none of them", whose log odds are 0.
+placement's tokens, with its features, another. The result is added to the log odds that the evidence gives. A softmax
+over all placements and "none of them", whose log odds are 0, gives the probabilities.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from scipy.special import softmax
 from data.common.errors import UserError
 from data.geometry.se2 import Array
 from matching.engine.hypotheses import Hypotheses
-from matching.engine.verdict import Signs, shipped
+from matching.engine.verdict import Signs
 from matching.judge.placements import PLACEMENT, SKIPPED, TOKEN, Placements, placements_of
 
 SHIPPED = Path(__file__).parents[1] / "weights" / "judge.safetensors"
@@ -49,16 +49,13 @@ class Judge:
     def __call__(self, found: Hypotheses, signs: Signs) -> Array:
         """(K,) the probability of each hypothesis, the likeliest first by evidence; what lacks to 1 is that of none.
 
-        The networks say how likely each is among all. Whether the map is in the plan stays the evidence's: of buildings
-        unlike those that they saw the networks know less. What that leaves to hypotheses beyond the judged ones stays
-        theirs.
+        What the evidence leaves to hypotheses beyond the judged ones stays theirs.
         """
         placements = placements_of(found, signs)
+        *likely, none = softmax([*self.logits(placements), 0.0])
         rest = len(signs.evidence) - len(placements)
-        unlisted = np.full(rest, placements.unlisted / max(rest, 1))
-        judged = softmax(self.logits(placements)) * (1.0 - placements.unlisted)
-        among = np.concatenate((judged, unlisted))
-        return shipped().in_plan(signs[np.array([among.argmax()])]) * among
+        others = np.full(rest, (1.0 - none) * placements.unlisted / max(rest, 1))
+        return np.concatenate((np.array(likely) * (1.0 - placements.unlisted), others))
 
     def logits(self, placements: Placements) -> Array:
         """(K,) log odds of each placement against none."""

@@ -173,14 +173,9 @@ def measures(log_odds: Tensor, examples: Examples, sure: float = 0.99) -> dict[s
     """Of examples, with log odds (P,) and by evidence alone: the shares that are decided, and how many of these are
     wrong, of which foreign."""
     by_evidence = torch.from_numpy(examples.features[:, :SKIPPED].sum(axis=1))
-    first = np.cumsum(examples.rivals) - examples.rivals
-    in_plan = np.repeat(1 / (1 + np.exp(-examples.features[first, SKIPPED - 1])), examples.rivals)
     found: dict[str, float] = {"maps": len(examples), "foreign": int(examples.foreign.sum())}
     for name, each in (("judge", log_odds), ("evidence", by_evidence)):
         share = shares(each, examples)
-        if name == "judge":  # as `Judge` does
-            total = np.repeat(np.add.reduceat(share, first), examples.rivals)
-            share = share / total * in_plan
         best = best_of(share, examples)
         decided, right = share[best] >= sure, examples.right[best]
         found |= {

@@ -76,7 +76,7 @@ def test_the_plan_of_another_building_is_not_unique() -> None:
         assert matcher("learned").match(drawn.s_graph, other).status != "unique", (kind, n)
 
 
-def test_it_decides_as_much_as_the_evidence_and_nothing_wrongly() -> None:
+def test_it_decides_more_than_the_evidence_and_nothing_wrongly() -> None:
     decided = dict.fromkeys(("voting", "learned"), 0)
     for n, (kind, drawn) in enumerate(maps(100, 3)):
         plan = generated(kind, UNSEEN[kind][n % len(UNSEEN[kind])]).graph
@@ -85,7 +85,7 @@ def test_it_decides_as_much_as_the_evidence_and_nothing_wrongly() -> None:
             if answer.hypotheses and (answer.hypotheses[0].probability or 0.0) >= 0.99:
                 decided[method] += 1
                 assert is_right(answer, drawn), (method, kind, n)
-    assert decided["learned"] >= decided["voting"]
+    assert decided["learned"] > 1.1 * decided["voting"]
 
 
 def test_missing_and_wrong_weights_give_one_line(tmp_path: Path) -> None:
