@@ -191,8 +191,8 @@ def _pass_again(final: ActiveMap, settings: TrackingSettings) -> bool:
         poses = np.stack([pose_at(motion, second) for second in at])
         of_points = poses.copy()
         for i, (scan, own) in enumerate(zip(final.scans, again, strict=True)):
-            if scan.T_begin_sensor is not None:  # the pose at a later stamp was less certain than that of the points
-                of_points[i] = pose_at(motion, own.knot_seconds[0]) @ scan.T_begin_sensor
+            middle = (own.knot_seconds[0] + own.knot_seconds[-1]) / 2
+            of_points[i] = pose_at(motion, middle) @ scan.T_middle_sensor
         final.take_tracked(poses, of_points)
     final.complete()
     return True

@@ -169,9 +169,9 @@ def _at_stamp(found: Registration, steady: Floats, seconds: Floats) -> Floats:
     return transform_points(inverse(found.T_odom_sensor), in_odom)
 
 
-def motion_since_begin(scan: TrackedScan) -> Floats | None:
-    """(4, 4) T_begin_sensor, the motion since a scan's first point, where that is before the stamp."""
+def motion_since_middle(scan: TrackedScan) -> Floats:
+    """(4, 4) T_middle_sensor, the motion from the middle of a scan to its stamp: its points, placed by a motion whose
+    speed errs, lie right there."""
     motion = scan.registration.motion
-    if motion.seconds[0] >= 0:
-        return None
-    return inverse(pose_at(motion, float(motion.seconds[0]))) @ scan.registration.T_odom_sensor
+    middle = pose_at(motion, float(motion.seconds[0] + motion.seconds[-1]) / 2)
+    return inverse(middle) @ scan.registration.T_odom_sensor

@@ -25,8 +25,8 @@ class ScanPose:
     `keyframe` is the index of the last keyframe at or before it. All poses (4, 4) are at its stamp.
     `T_keyframe_sensor` is the motion since that keyframe; `T_previous_sensor`, for a keyframe, the motion since the
     keyframe before it. `health` is what the tracker says of the scan, `covariance` (6, 6) that of its pose against the
-    odometry's map, rotation first, in the sensor's axes. `T_begin_sensor` is the tracked motion since the scan's first
-    point, where that is before the stamp.
+    odometry's map, rotation first, in the sensor's axes. `T_middle_sensor` is the tracked motion from the middle of
+    the time that the scan took to its stamp.
     """
 
     stamp_ns: int
@@ -37,7 +37,7 @@ class ScanPose:
     T_previous_sensor: Floats | None = None
     health: Health = "good"
     covariance: Floats = field(default_factory=lambda: np.zeros((6, 6)))
-    T_begin_sensor: Floats | None = None
+    T_middle_sensor: Floats = field(default_factory=lambda: np.eye(4))
 
 
 def interpolated(scans: list[ScanPose], keyframe_poses: Floats) -> Floats:
