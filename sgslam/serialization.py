@@ -18,7 +18,7 @@ from data import UserError
 from data.common.files import atomic_file
 from sgslam.config import Config
 
-VERSION = 26  # to be raised when an attribute of any object in a state gets another name or meaning
+VERSION = 27  # to be raised when an attribute of any object in a state gets another name or meaning
 _FIRST_LINE = re.compile(rb"sgslam state (\d{1,9}) ([0-9a-f]{64})")
 _PACKAGES = ("data", "matching", "sgslam")
 _NUMPY = {

@@ -13,7 +13,7 @@ from matching.result import AnyMatcher
 from sgslam.config import Config, TrackingSettings
 from sgslam.mapping import KeyframeClouds
 from sgslam.odometry import Odometry
-from sgslam.registration.motion import deskewed, pose_at
+from sgslam.registration.motion import deskewed, pose_at, pose_of_points
 from sgslam.registration.smoothing import smoothed
 from sgslam.result import Result
 from sgslam.result.finishing import assemble_result
@@ -189,10 +189,8 @@ def _pass_again(final: ActiveMap, settings: TrackingSettings) -> bool:
         _log.info("second pass: all %d scans are registered again", len(stamps))
         motion = smoothed(again, start, is_known, settings)
         poses = np.stack([pose_at(motion, second) for second in at])
-        of_points = poses.copy()
-        for i, (scan, own) in enumerate(zip(final.scans, again, strict=True)):
-            middle = (own.knot_seconds[0] + own.knot_seconds[-1]) / 2
-            of_points[i] = pose_at(motion, middle) @ scan.T_middle_sensor
-        final.take_tracked(poses, of_points)
+        each = zip(final.scans, again, at, strict=True)
+        of_points = [pose_of_points(own, scan.motion.later(second), motion) for scan, own, second in each]
+        final.take_tracked(poses, np.stack(of_points))
     final.complete()
     return True

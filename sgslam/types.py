@@ -3,7 +3,7 @@
 `RawScan` (checked) -> `TimedPoints` (thinned) -> `Registration` (with its `Motion`) -> `TrackedScan` -> a keyframe.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -65,6 +65,10 @@ class Motion:
 
     seconds: Floats
     knots: Floats
+
+    def later(self, seconds: float) -> "Motion":
+        """The same motion, so many seconds later."""
+        return replace(self, seconds=self.seconds + seconds)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,12 +10,12 @@ from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.config.sensor import SENSOR
 from sgslam.geometry.compiled import principal_axes
-from sgslam.geometry.frames import inverse, transform_points
+from sgslam.geometry.frames import inverse, squared_up, transform_points
 from sgslam.inertial import steadied
 from sgslam.registration.motion_prior import moved_on, velocity_between
 from sgslam.registration.points import UNKNOWN, placed
 from sgslam.surfels.planes import HALF, SIDES, key_of
-from sgslam.types import Motion, Registration, TimedPoints, TrackedScan, UnsteadyTurn
+from sgslam.types import Motion, Registration, TimedPoints, UnsteadyTurn
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -169,9 +169,14 @@ def _at_stamp(found: Registration, steady: Floats, seconds: Floats) -> Floats:
     return transform_points(inverse(found.T_odom_sensor), in_odom)
 
 
-def motion_since_middle(scan: TrackedScan) -> Floats:
-    """(4, 4) T_middle_sensor, the motion from the middle of a scan to its stamp: its points, placed by a motion whose
-    speed errs, lie right there."""
-    motion = scan.registration.motion
-    middle = pose_at(motion, float(motion.seconds[0] + motion.seconds[-1]) / 2)
-    return inverse(middle) @ scan.registration.T_odom_sensor
+def motion_from_stamp(found: Registration) -> Motion:
+    """The motion during a scan in the sensor's frame at its stamp: that by which `deskewed` places the points."""
+    return replace(found.motion, knots=inverse(found.T_odom_sensor) @ found.motion.knots)
+
+
+def pose_of_points(scan: TimedPoints, placed_by: Motion, motion: Motion) -> Floats:
+    """(4, 4) where a scan's points, which `placed_by` put into one frame, lie as one body by another motion: the mean
+    over the times at which they were measured."""
+    shares = [float(np.interp(scan.seconds, scan.knot_seconds, knot).mean()) for knot in np.eye(len(scan.knot_seconds))]
+    each = [pose_at(motion, second) @ inverse(pose_at(placed_by, second)) for second in scan.knot_seconds]
+    return squared_up(np.einsum("k,kij->ij", shares, each))

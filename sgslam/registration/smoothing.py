@@ -17,7 +17,7 @@ from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.registration.beliefs import MotionModel
 from sgslam.registration.motion import pose_at
-from sgslam.registration.motion_prior import add_height, add_velocities
+from sgslam.registration.motion_prior import add_height, add_velocities, velocity_between
 from sgslam.registration.points import (
     CONVERGED,
     FIRST_OF_KERNEL,
@@ -40,6 +40,7 @@ _ITERATIONS = 4  # to each map
 _TURNS = 7  # in which scans are added to a map: a surfel that is full has seen all times
 _BAND = 18  # knots are coupled to the next two
 _LEAST = 1e-6  # information about each direction of a knot that nothing measures
+_LEAST_POSES = 20  # of a motion that shows how its velocity changes
 _UNKNOWN = 1.0  # m2, variance of the height of a scan that shows nothing level
 
 
@@ -97,6 +98,7 @@ def smoothed(
     # the first pass knows the way; unknown is how a hand sways up and down, as fast as it turns
     model = MotionModel(settings.model_copy(update={"sway_memory": settings.turn_memory}))
     model.level(np.array([0.0, 0.0, 1.0]))
+    prior = _as_it_moves(model.prior, start)
     for number in range(_MAPS):
         surfels = _map_of(scans, knots_of, motion, is_known).arrays
         for own in seen:
@@ -105,13 +107,26 @@ def smoothed(
             with ThreadPoolExecutor() as threads:
                 knots = [motion.knots[own] for own in knots_of]
                 list(threads.map(_Seen.look, seen, scans, knots, repeat(surfels), repeat(weights)))
-            step = _solved(seen, firsts, motion, model.prior, weights)
+            step = _solved(seen, firsts, motion, prior, weights)
             update_knots(motion.knots, step)
             if np.sqrt(np.mean(step**2)) < CONVERGED:
                 break
             for own, its in zip(seen, knots_of, strict=True):
                 own.follow(step[6 * its.start : 6 * its.stop])
     return motion
+
+
+def _as_it_moves(prior: MotionPrior, motion: Motion) -> MotionPrior:
+    """The prior with the spread of the velocities that `motion` has: that of their changes from one pair of scans to
+    the next, which the noise of single poses hardly changes."""
+    poses, seconds = motion.knots[::2], motion.seconds[::2]
+    if len(poses) < _LEAST_POSES:
+        return prior
+    pairs = zip(poses, poses[1:], np.diff(seconds), strict=False)
+    velocity = np.array([velocity_between(a, b, lasted) for a, b, lasted in pairs]) @ prior.axes.T
+    kept = np.exp(-np.diff((seconds[1:] + seconds[:-1]) / 2)[:, None] / prior.memory)
+    changes = (velocity[1:] - kept * velocity[:-1]) ** 2 / (1 - kept**2)
+    return prior._replace(spread=np.minimum(np.sqrt(changes.mean(axis=0)), prior.spread))
 
 
 def _knots_of(scans: list[TimedPoints]) -> tuple[Floats, list[int]]:

@@ -16,7 +16,7 @@ from sgslam.loops import LoopCloser
 from sgslam.mapping import Anchors, Floors, FloorTransition, KeyframeClouds, KeyframeNode, KeyframeRule, Scene
 from sgslam.mapping.wall_points import faces_of, wall_points
 from sgslam.perception import keyframe_scan
-from sgslam.registration.motion import few_points, motion_since_middle
+from sgslam.registration.motion import few_points, motion_from_stamp
 from sgslam.session.scan_points import ScanPoints
 from sgslam.session.scan_poses import ScanPose, StepUncertainty
 from sgslam.session.stopwatch import Stopwatch
@@ -100,7 +100,7 @@ class ActiveMap:
                 since,
                 health=scan.health,
                 covariance=scan.covariance,
-                T_middle_sensor=motion_since_middle(scan),
+                motion=motion_from_stamp(scan.registration),
             )
         )
         self._is_external = scan.raw.T_odom_sensor is not None

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from data.trajectory import Trajectory
 from sgslam.config import OdometrySettings
 from sgslam.geometry.frames import inverse, level_at
-from sgslam.types import Health
+from sgslam.types import Health, Motion
 
 Floats = NDArray[np.float64]
 _DOUBLED = 2.0  # variance relative to that of other odometries' steps, from which on a step is weak
@@ -25,8 +25,8 @@ class ScanPose:
     `keyframe` is the index of the last keyframe at or before it. All poses (4, 4) are at its stamp.
     `T_keyframe_sensor` is the motion since that keyframe; `T_previous_sensor`, for a keyframe, the motion since the
     keyframe before it. `health` is what the tracker says of the scan, `covariance` (6, 6) that of its pose against the
-    odometry's map, rotation first, in the sensor's axes. `T_middle_sensor` is the tracked motion from the middle of
-    the time that the scan took to its stamp.
+    odometry's map, rotation first, in the sensor's axes. `motion` is that during the scan, by seconds after its
+    stamp, in the sensor's frame there.
     """
 
     stamp_ns: int
@@ -37,7 +37,7 @@ class ScanPose:
     T_previous_sensor: Floats | None = None
     health: Health = "good"
     covariance: Floats = field(default_factory=lambda: np.zeros((6, 6)))
-    T_middle_sensor: Floats = field(default_factory=lambda: np.eye(4))
+    motion: Motion = field(default_factory=lambda: Motion(np.zeros(1), np.eye(4)[None]))
 
 
 def interpolated(scans: list[ScanPose], keyframe_poses: Floats) -> Floats:
