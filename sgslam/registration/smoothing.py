@@ -40,6 +40,7 @@ _ITERATIONS = 4  # to each map
 _TURNS = 7  # in which scans are added to a map: a surfel that is full has seen all times
 _BAND = 18  # knots are coupled to the next two
 _LEAST = 1e-6  # information about each direction of a knot that nothing measures
+_YAW = 2  # of a velocity, about the vertical
 _LEAST_POSES = 20  # of a motion that shows how its velocity changes
 _UNKNOWN = 1.0  # m2, variance of the height of a scan that shows nothing level
 
@@ -98,7 +99,7 @@ def smoothed(
     # the first pass knows the way; unknown is how a hand sways up and down, as fast as it turns
     model = MotionModel(settings.model_copy(update={"sway_memory": settings.turn_memory}))
     model.level(np.array([0.0, 0.0, 1.0]))
-    prior = _as_it_moves(model.prior, start)
+    prior = _as_it_turns(model.prior, start)
     for number in range(_MAPS):
         surfels = _map_of(scans, knots_of, motion, is_known).arrays
         for own in seen:
@@ -116,17 +117,22 @@ def smoothed(
     return motion
 
 
-def _as_it_moves(prior: MotionPrior, motion: Motion) -> MotionPrior:
-    """The prior with the spread of the velocities that `motion` has: that of their changes from one pair of scans to
-    the next, which the noise of single poses hardly changes."""
+def _as_it_turns(prior: MotionPrior, motion: Motion) -> MotionPrior:
+    """The prior with the spread of the angular velocity about the vertical that `motion` has: that of its changes from
+    one pair of scans to the next, which the noise of single poses hardly changes.
+
+    With a wider one, each half of a scan follows the errors of the walls that it sees, where the other half sees other
+    walls. Tilt is shown by floor and ceiling, which both see.
+    """
     poses, seconds = motion.knots[::2], motion.seconds[::2]
     if len(poses) < _LEAST_POSES:
         return prior
     pairs = zip(poses, poses[1:], np.diff(seconds), strict=False)
-    velocity = np.array([velocity_between(a, b, lasted) for a, b, lasted in pairs]) @ prior.axes.T
-    kept = np.exp(-np.diff((seconds[1:] + seconds[:-1]) / 2)[:, None] / prior.memory)
-    changes = (velocity[1:] - kept * velocity[:-1]) ** 2 / (1 - kept**2)
-    return prior._replace(spread=np.minimum(np.sqrt(changes.mean(axis=0)), prior.spread))
+    rate = np.array([velocity_between(before, after, lasted)[_YAW] for before, after, lasted in pairs])
+    kept = np.exp(-np.diff((seconds[1:] + seconds[:-1]) / 2) / prior.memory[_YAW])
+    spread = prior.spread.copy()
+    spread[_YAW] = min(spread[_YAW], np.sqrt(np.mean((rate[1:] - kept * rate[:-1]) ** 2 / (1 - kept**2))))
+    return prior._replace(spread=spread)
 
 
 def _knots_of(scans: list[TimedPoints]) -> tuple[Floats, list[int]]:
