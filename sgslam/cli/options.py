@@ -91,7 +91,9 @@ class RunOptions:
     demo: Annotated[bool, None, "generate a building, simulate a drive through it, and run on this drive"] = False
     seed: Annotated[int, "N", "random seed of the demo drive (default: 0)"] = 0
     resume: Annotated[Path | None, "DIR", "--out folder of an interrupted run to resume"] = None
-    bim: Annotated[Path | None, "FILE", "the building: .ifc, .ifczip, .dxf, .geojson, or an A-graph as .json"] = None
+    bim: Annotated[
+        Path | None, "FILE", "building: .ifc, .ifczip, .dxf, .geojson, an A-graph as .json (default: map only)"
+    ] = None
     layer: Annotated[tuple[str, ...], "NAME", "wall layer of a .dxf file (repeatable)"] = ()
     storey: Annotated[str | None, "NAME", "name or id of the storey on which the run begins, if known"] = None
     start: Annotated[
@@ -102,7 +104,7 @@ class RunOptions:
     ] = None
     map: Annotated[Path | None, "DIR", "--out folder of an earlier run, whose map this run extends"] = None
     config: Annotated[Path | None, "FILE", "settings as YAML, such as a run's config.yaml"] = None
-    set: Annotated[tuple[str, ...], "A.B=C", "a single setting (repeatable)"] = ()
+    set: Annotated[tuple[str, ...], "A.B=C", "a single setting (repeatable); sgslam dump-config lists all"] = ()
     single_pass: Annotated[bool, None, "do not register all scans a second time"] = False
     out: Annotated[Path | None, "DIR", "folder for the results (default: out/<date>_<time>)"] = None
     ground_truth: Annotated[
