@@ -53,7 +53,7 @@ def _parser() -> Parser:
     out = {"required": True, "help": f"folder for {PAGE} and {VALUES}"}
     add_options(parser, "layer", bim={"flag": "bim"}, out=out, seed={"help": "random seed of the maps (default: 0)"})
     add = parser.add_argument
-    add("--method", metavar="NAME", help=f"matching method (default: {DEFAULT})")
+    add("--method", metavar="NAME", help="matching method (default: that of runs)")
     most = "maximum number of maps per set of rooms (default: 21)"
     add("--maps", type=bounded("--maps", int, 1), default=21, metavar="N", help=most)
     processes = "number of processes (default: one per core)"
