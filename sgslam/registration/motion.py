@@ -5,12 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.config.sensor import SENSOR
 from sgslam.geometry.compiled import principal_axes
-from sgslam.geometry.frames import inverse, squared_up, transform_points
+from sgslam.geometry.frames import inverse, transform_points
 from sgslam.inertial import steadied
 from sgslam.registration.motion_prior import moved_on, velocity_between
 from sgslam.registration.points import UNKNOWN, placed
@@ -178,5 +179,7 @@ def pose_of_points(scan: TimedPoints, placed_by: Motion, motion: Motion) -> Floa
     """(4, 4) where a scan's points, which `placed_by` put into one frame, lie as one body by another motion: the mean
     over the times at which they were measured."""
     shares = [float(np.interp(scan.seconds, scan.knot_seconds, knot).mean()) for knot in np.eye(len(scan.knot_seconds))]
-    each = [pose_at(motion, second) @ inverse(pose_at(placed_by, second)) for second in scan.knot_seconds]
-    return squared_up(np.einsum("k,kij->ij", shares, each))
+    each = np.stack([pose_at(motion, t) @ inverse(pose_at(placed_by, t)) for t in scan.knot_seconds])
+    T = np.tensordot(shares, each, 1)
+    T[:3, :3] = Rotation.from_matrix(each[:, :3, :3]).mean(shares).as_matrix()
+    return T
