@@ -96,7 +96,7 @@ class FloorMatching:
         return self._matcher.match(s, self._plan.a_graph)
 
     def _posterior(self, match: MatchResult, image: MatchResult | None, s: SceneGraph) -> PlacePosterior:
-        found = place_posterior(match, image, self._storeys)
+        found = place_posterior(match, image, self._storeys, self._plan.count)
         if not self._plan.partial or not found.places:
             return found
         best = found.places[0]
@@ -111,11 +111,10 @@ class FloorMatching:
         if posterior.mirrored > max(1 - self._settings.commit, posterior.outside):
             return MIRRORED_REASON
         favoured = match.hypotheses[0].floor
-        if self._is_stated and favoured is not None and favoured not in self._storeys and match.status != "none":
-            stated = sum(p.probability for p in posterior.places if p.floor in self._storeys)
-            if stated < self._settings.commit:
-                names = {floor.id: floor.name for floor in self._plan.a_graph.floors}
-                return STOREY_REASON.format(names.get(favoured) or favoured)
+        likeliest = posterior.places[0].floor
+        if self._is_stated and likeliest is not None and likeliest not in self._storeys and match.status != "none":
+            names = {floor.id: floor.name for floor in self._plan.a_graph.floors}
+            return STOREY_REASON.format(names.get(likeliest) or likeliest)
         if match.status != "unique":
             return ""
         if self._storeys and favoured not in self._storeys:

@@ -65,11 +65,13 @@ def differ(place: Floats, other: Floats, s: SceneGraph, metres: float = APART[0]
     return bool(off > metres or abs(se2.wrap(place[:1] - other[:1])[0]) > APART[1])
 
 
-def place_posterior(match: MatchResult, image: MatchResult | None, storeys: Collection[str]) -> PlacePosterior:
+def place_posterior(
+    match: MatchResult, image: MatchResult | None, storeys: Collection[str], of: int = 1
+) -> PlacePosterior:
     """The posterior by a matcher's answer about one floor, and by that about its mirror `image`, if it was asked.
 
-    `storeys` are those that the user and the heights between the floors allow, all where it is empty. Of a matcher that
-    computes no probabilities, a unique answer is believed.
+    `storeys` are those that the user and the heights between the floors allow `of` so many, all where it is empty. Of a
+    matcher that computes no probabilities, a unique answer is believed.
     """
     places = [Place(h.T_a_s, h.floor, h.probability) for h in match.hypotheses if h.probability is not None]
     if not places and match.status == "unique" and match.T_a_s is not None:
@@ -79,9 +81,9 @@ def place_posterior(match: MatchResult, image: MatchResult | None, storeys: Coll
     if places and of_image:
         # one more place, with a prior of its own
         best, unit = max(h.score for h in match.hypotheses), match.temperature
-        likely = (math.exp(min((h.score - best) / unit, 50.0)) * _prior(h.floor, storeys) for h in of_image)
+        likely = (math.exp(min((h.score - best) / unit, 50.0)) * _prior(h.floor, storeys, of) for h in of_image)
         mirrored = _MIRRORED * places[0].probability * max(likely)
-    places = [replace(p, probability=_prior(p.floor, storeys) * p.probability) for p in places]
+    places = [replace(p, probability=_prior(p.floor, storeys, of) * p.probability) for p in places]
     total = none + mirrored + sum(place.probability for place in places)
     places = [replace(place, probability=place.probability / max(total, 1e-12)) for place in places]
     return PlacePosterior(tuple(sorted(places, key=lambda p: -p.probability)), mirrored / max(total, 1e-12))
@@ -137,5 +139,9 @@ def joint_posterior(
     return found[0][1], PlacePosterior(tuple(places))
 
 
-def _prior(floor: str | None, storeys: Collection[str]) -> float:
-    return 1.0 if not storeys or floor in storeys else _MISSTATED
+def _prior(floor: str | None, storeys: Collection[str], of: int) -> float:
+    """How much more likely it is that these storeys, `of` so many, are left where the map is on this floor, than where
+    it is nowhere in the plan: of equal storeys, the one that is stated is as probable as all were together."""
+    if not storeys:
+        return 1.0
+    return max(of / len(storeys), 1.0) if floor in storeys else _MISSTATED

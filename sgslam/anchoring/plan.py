@@ -17,6 +17,7 @@ class Plan:
 
     def __init__(self, a_graph: SceneGraph, partial: bool = False) -> None:
         self.a_graph, self.partial = a_graph, partial
+        self.count = len({surface.floor for surface in a_graph.wall_surfaces})  # of storeys
         self._elevations = {floor.id: floor.elevation for floor in a_graph.floors if floor.elevation is not None}
         self.origin: Floats = np.array([*a_graph.centroid(), min(self._elevations.values(), default=0.0)])
         self._shift = np.array([0.0, *self.origin[:2]])

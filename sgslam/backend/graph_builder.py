@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 _OUTLIER = (
     3.0  # whitened residual beyond which a loop closure counts less, and at which an anchor's weight is a quarter
 )
-_SMOOTHED = 0.6  # times a step's standard deviations after a second pass; measured 0.4 to 0.9 in 16 drives
+_SMOOTHED = 0.25  # times a step's standard deviations after a second pass; 0.6 costs height where little shows it
 _SMOOTH = 0.001  # m, below which an offset counts as its square
 _FREE = 1000.0  # m, of what is not measured
 

@@ -40,6 +40,16 @@ def test_a_storey_that_is_excluded_needs_much_more_evidence(storeys: list[str]) 
     assert contradicted.places[0].floor == "eg" and chances(contradicted)["og"] < 0.5
 
 
+@pytest.mark.parametrize("equal", [2, 3, 10])
+def test_of_equal_storeys_the_stated_one_is_as_probable_as_all_were_together(equal: int) -> None:
+    names = [f"storey-{n}" for n in range(equal)]
+    match = answer(*((name, 0.994 / equal, HERE) for name in names))
+    unstated, stated = (place_posterior(match, None, known, equal) for known in ([], names[1:2]))
+    assert unstated.places[0].probability < 0.5
+    assert stated.places[0].floor == "storey-1" and 0.99 < stated.places[0].probability <= 0.994
+    assert stated.outside == pytest.approx(unstated.outside, abs=1e-3)
+
+
 def test_without_a_statement_the_matcher_is_believed_as_it_is() -> None:
     for storeys in ([], ["eg", "og", "dg"]):
         assert chances(place_posterior(TWO, None, storeys)) == pytest.approx({"eg": 0.6, "og": 0.39})
