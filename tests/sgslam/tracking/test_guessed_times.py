@@ -67,7 +67,7 @@ def half(count: int, seed: int) -> Ints:
     return np.sort(np.random.default_rng(seed).permutation(count)[: count // 2])
 
 
-def check(points: Array, rule: str, times: Array, within: float = 1e-6) -> None:
+def assert_times(points: Array, rule: str, times: Array, within: float = 1e-6) -> None:
     found = guessed_times(points, PERIOD)
     assert found is not None and found.rule == rule
     assert np.abs(found.seconds - times).max() <= within
@@ -82,10 +82,10 @@ def test_a_turn_from_any_azimuth_in_either_sense(angle: float, clockwise: bool) 
     points = points @ pose(0, 0, 0, -angle)[:3, :3].T * ([1, -1, 1] if clockwise else [1, 1, 1])
     rings, seen = np.argsort(ring_of(points), kind="stable"), (times < 0.03) | (times > 0.055)
     for rule, order in (("azimuth", np.arange(len(points))), ("rings", rings)):
-        check(points[order], rule, times[order])
+        assert_times(points[order], rule, times[order])
         kept = order[half(len(order), round(10 * angle))]
-        check(points[kept], rule, times[kept], within=0.0005)
-    check(points[seen], "azimuth", times[seen])
+        assert_times(points[kept], rule, times[kept], within=0.0005)
+    assert_times(points[seen], "azimuth", times[seen])
 
 
 @pytest.mark.parametrize(
@@ -95,7 +95,7 @@ def test_a_scan_of_less_or_more_than_a_turn(turns: float, told: bool) -> None:
     points, times = (np.concatenate(parts) for parts in zip(spun(), (spun()[0], spun()[1] + PERIOD), strict=True))
     points, times = points[times < turns * PERIOD], times[times < turns * PERIOD]
     if told:
-        check(points, "azimuth", times / max(turns, 1.0), within=0.0005)
+        assert_times(points, "azimuth", times / max(turns, 1.0), within=0.0005)
     else:
         assert guessed_times(points, PERIOD) is None
 
@@ -108,8 +108,8 @@ OTHERS["Mid-360"] = looking(sensor_named("Mid-360").rays(0)[0])
 def test_a_sensor_that_does_not_turn_once_around(sensor: str) -> None:
     points = OTHERS[sensor]
     times, kept = np.arange(len(points)) * np.float64(PERIOD / len(points)), half(len(points), 1)
-    check(points, "index", times)
-    check(points[kept], "index", times[kept], within=0.002)
+    assert_times(points, "index", times)
+    assert_times(points[kept], "index", times[kept], within=0.002)
 
 
 @pytest.mark.parametrize("sensor", ["spun", *OTHERS])
