@@ -13,7 +13,7 @@ from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
 from data.common.build import build
-from data.common.errors import UserError
+from data.common.errors import UserError, refusing, required
 
 PATIENCE_S = 5.0  # with a scheduler that does not answer, or has no worker
 RETRIES = 2  # of a task that raises; how often its worker may die is Dask's `allowed-failures`
@@ -95,24 +95,21 @@ def connected(scheduler: str) -> Iterator[Any]:
     workers, and if one of them has another build of sgslam."""
     import asyncio
 
-    try:
-        from distributed import Client, Security, rpc
-    except ImportError:
-        raise UserError("--scheduler needs dask.distributed; pip install 'sgslam[cluster]'") from None
+    distributed = required("distributed", "--scheduler", "cluster")
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # errors are reported here, in one line
 
     async def kind() -> str:
-        async with rpc(scheduler, connection_args=Security().get_connection_args("client")) as server:
+        own = distributed.Security().get_connection_args("client")
+        async with distributed.rpc(scheduler, connection_args=own) as server:
             return str((await server.identity())["type"])
 
-    try:  # a Client would wait forever for a server that is silent, or a worker
+    no_answer = f"--scheduler {scheduler}: no Dask scheduler with workers answers there"
+    with refusing(no_answer, "write tcp://HOST:PORT, as `dask scheduler` prints it"):
+        # a Client would wait forever for a server that is silent, or a worker
         if asyncio.run(asyncio.wait_for(kind(), PATIENCE_S)) != "Scheduler":
             raise ValueError("it is a worker")
-        client = Client(scheduler, timeout=PATIENCE_S)
+        client = distributed.Client(scheduler, timeout=PATIENCE_S)
         client.wait_for_workers(1, PATIENCE_S)
-    except Exception as error:  # whatever Dask makes of what another server sends
-        hint = f"({str(error) or type(error).__name__}); write tcp://HOST:PORT, as `dask scheduler` prints it"
-        raise UserError(f"--scheduler {scheduler}: no Dask scheduler with workers answers there {hint}") from None
     with client:
         for worker, found in client.run(build, on_error="return").items():
             if found != build():

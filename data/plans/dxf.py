@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from data.common.errors import UserError
+from data.common.errors import UserError, refusing, required
 from data.plans.flat_plan import DrawnWalls, FlatStorey, even_odd, graph_of_storeys, walls_of_lines
 from data.scene_graph import SceneGraph
 
@@ -52,48 +52,28 @@ def read_dxf(path: Path | str, layers: Sequence[str] = ()) -> tuple[SceneGraph, 
     missing or no DXF, for unknown layers, and if no layer is recognised as walls or it is empty.
     """
     path = Path(path)
-    drawing = _open(path)
-    by_layer = _by_layer(drawing, path)
+    ezdxf = required("ezdxf", f"{path}: DXF", "dxf")
+    with refusing(f"{path}: no DXF file, or a broken one", "export it as DXF again"):
+        drawing = ezdxf.readfile(path)
+        by_layer = _by_layer(drawing, path)
     chosen, notices = _chosen(by_layer, layers, path)
     segments = np.concatenate([np.empty((0, 2, 2)), *(s for name in chosen for s in by_layer[name].segments)])
     filled = [rings for name in chosen for rings in by_layer[name].filled]
-    try:
+    with refusing(f"{path}: its lines give no plan", "give --layer"):
         scale, message = _scale(drawing, segments, filled, path)
         walls = _walls(segments, filled, scale)
         graph, made = graph_of_storeys([FlatStorey(path.stem, walls.area)], str(path))
-    except UserError:
-        raise
-    except Exception as error:  # shapely and what is built on it raise many kinds
-        raise UserError(f"{path}: its lines give no plan ({type(error).__name__}); give --layer") from None
     if not walls.is_double and not filled:
         message.append("walls are drawn as single lines; a thickness of 0.1 m is assumed")
     return graph, (*notices, *message, *made)
 
 
-def _open(path: Path) -> Any:
-    try:
-        import ezdxf
-    except ModuleNotFoundError:
-        raise UserError(f"{path}: DXF needs ezdxf: pip install 'sgslam[dxf]'") from None
-    try:
-        return ezdxf.readfile(path)
-    except OSError:
-        raise UserError(f"{path}: cannot be read as DXF; give a DXF file (a DWG must be exported as one)") from None
-    except Exception as error:  # ezdxf raises many kinds on garbage
-        raise UserError(f"{path}: a broken DXF file ({type(error).__name__}); export it again") from None
-
-
 def _by_layer(drawing: Any, path: Path) -> dict[str, _Drawn]:
     found: dict[str, _Drawn] = defaultdict(_Drawn)
-    try:
-        budget = _Budget(path)
-        for layer, entity in _exploded(drawing.modelspace(), "0", 0, budget):
-            budget.lines -= _add(found[layer], entity)
-            budget.check()
-    except UserError:
-        raise
-    except Exception as error:  # ezdxf raises many kinds on garbage
-        raise UserError(f"{path}: a broken DXF file ({type(error).__name__}); export it again") from None
+    budget = _Budget(path)
+    for layer, entity in _exploded(drawing.modelspace(), "0", 0, budget):
+        budget.lines -= _add(found[layer], entity)
+        budget.check()
     return {name: drawn for name, drawn in found.items() if drawn.count()}
 
 

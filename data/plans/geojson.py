@@ -16,7 +16,7 @@ import shapely
 import shapely.geometry
 from numpy.typing import NDArray
 
-from data.common.errors import UserError
+from data.common.errors import UserError, refusing
 from data.geometry.areas import Area, polygons_of, united
 from data.plans.flat_plan import FlatStorey, graph_of_storeys, walls_of_lines
 from data.plans.published_plans import is_room
@@ -78,14 +78,10 @@ def plan_of(value: Any, where: str) -> tuple[SceneGraph, tuple[str, ...]]:
     storeys: dict[str, _Storey] = defaultdict(_Storey)
     for feature in features:
         _sort_in(storeys[feature.text(STOREY)], feature)
-    try:
+    with refusing(f"{where}: its geometry cannot be used"):
         flat = [_flat(name, storey) for name, storey in storeys.items() if storey.rooms or storey.walls or storey.lines]
         flat.sort(key=lambda s: (s.elevation is None, s.elevation or 0.0, s.name))
         graph, made = graph_of_storeys(flat, where)
-    except UserError:
-        raise
-    except Exception as error:  # shapely and what is built on it raise many kinds
-        raise UserError(f"{where}: its geometry cannot be used ({str(error)[:100]})") from None
     if len(flat) > 1 and any(s.elevation is None for s in flat):
         notices.append("some of the storeys have no elevation; z = 0 is assumed for these")
     return graph, (*notices, *made)
@@ -97,10 +93,8 @@ def _features(value: dict[str, Any], where: str) -> list[_Feature]:
     for number, item in enumerate(items if isinstance(items, list) else []):
         if not isinstance(item, dict) or not isinstance(item.get("geometry"), dict):
             continue
-        try:
+        with refusing(f"{where}, feature {number}: a broken geometry"):
             shape = shapely.force_2d(shapely.geometry.shape(item["geometry"]))
-        except Exception as error:  # shapely raises many kinds on garbage
-            raise UserError(f"{where}, feature {number}: a broken geometry ({type(error).__name__})") from None
         if not shape.is_empty:
             if not np.isfinite(shape.bounds).all():
                 raise UserError(f"{where}, feature {number}: a coordinate is not finite")

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.bags import Bag, Record, decoded
-from data.common.errors import EndOfScansError, UnreadableScanError, UserError, reason
+from data.common.errors import EndOfScansError, UnreadableScanError, UserError, refusing
 from data.scans.formats import XYZ
 from data.scans.point_times import time_field
 from data.scans.scan import Scan, ScanSource, finished
@@ -43,12 +43,8 @@ def read_cloud(data: bytes, msgtype: str, is_cdr: bool) -> Cloud:
 
     Raises UnreadableScanError where the message does not hold together.
     """
-    try:
+    with refusing("a broken message", kind=UnreadableScanError):
         return _livox(data, is_cdr) if msgtype in LIVOX else _point_cloud(data, is_cdr)
-    except UnreadableScanError:
-        raise
-    except Exception as error:  # rosbags, numpy and struct raise many kinds on garbage
-        raise UnreadableScanError(f"a broken message ({reason(error)})") from None
 
 
 def _point_cloud(data: bytes, is_cdr: bool) -> Cloud:

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from data.common.errors import EndOfScansError, UnreadableScanError, UserError, reason
+from data.common.errors import EndOfScansError, UnreadableScanError, UserError, refusing, required
 from data.scans.scan import Scan, ScanSource
 
 PREFIX = "evalio:"
-INSTALL = "pip install 'sgslam[evalio]'"
 Floats = NDArray[np.float64]
 
 
@@ -36,10 +35,8 @@ class EvalioScans(ScanSource):
         self._sequence = _found(str(name).removeprefix(PREFIX))
         self._limits = self._sequence.lidar_params()
         self.path = _place(self._sequence)
-        try:
+        with refusing(f"{name}: its data in {self.path} cannot be read"):
             self._count = len(self._sequence.data_iter())
-        except Exception as error:  # data sets raise kinds of their own
-            raise UserError(f"{name}: its data in {self.path} cannot be read: {reason(error)}") from None
 
     def __len__(self) -> int:
         """The number of scans."""
@@ -51,10 +48,8 @@ class EvalioScans(ScanSource):
 
     def _next(self) -> Scan:
         index, self._index = self._index, self._index + 1
-        try:
+        with refusing("a broken scan", kind=UnreadableScanError):
             measurement = next(self._measurements, None)
-        except Exception as error:
-            raise UnreadableScanError(reason(error)) from None
         if measurement is None:
             raise EndOfScansError
         points, times = points_in_reach(measurement, self._limits)
@@ -80,10 +75,9 @@ def points_in_reach(measurement: Any, limits: Any) -> tuple[Floats, Floats | Non
 
 
 def _found(name: str) -> Any:
-    try:
-        from evalio import datasets
-    except ImportError:
-        raise UserError(f"{PREFIX}{name}: evalio is not installed; {INSTALL}") from None
+    required("evalio", f"{PREFIX}{name}", "evalio")
+    from evalio import datasets
+
     known = datasets.all_sequences()
     if name not in known:
         near = difflib.get_close_matches(name, known, 1, 0.0)[0]

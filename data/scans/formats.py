@@ -16,7 +16,7 @@ import lzf
 import numpy as np
 from numpy.typing import NDArray
 
-from data.common.errors import MissingReaderError, UnreadableScanError, reason
+from data.common.errors import UnreadableScanError, refusing
 from data.scans.point_times import time_field
 
 Points = NDArray[np.floating]
@@ -53,16 +53,10 @@ def read_points(path: Path) -> Points:
 def read_timed(path: Path) -> tuple[Points, Times]:
     """Returns the scan's points (N, 3), float32 or float64 as stored, and their times (N,) as stored, or None.
 
-    Raises UnreadableScanError if anything is wrong with the file, MissingReaderError if an extra is needed.
+    Raises UnreadableScanError if anything is wrong with the file, UserError if an extra is needed.
     """
-    try:
+    with refusing("a broken file", kind=UnreadableScanError):  # one bad scan must not end a run
         points, times = READERS[path.suffix.lower()](path)
-    except (MissingReaderError, UnreadableScanError):
-        raise
-    except FileNotFoundError:
-        raise UnreadableScanError("the file is gone") from None
-    except Exception as error:  # parsers raise anything on garbage; one bad scan must not end a run
-        raise UnreadableScanError(reason(error)) from None
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
         raise UnreadableScanError("its points are not three numbers each")
     return points, times if times is not None and times.shape == (len(points),) else None
