@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from data.bags import Bag, decoded, is_bag
 from data.common.errors import UserError
-from data.common.files import numbered_lines, write_atomically
+from data.common.files import parsed_lines, write_atomically
 from data.trajectory.stamps import NS, ns_to_seconds
 
 Floats = NDArray[np.float64]
@@ -107,23 +107,17 @@ def read_imu(path: Path | str, topic: str | None = None) -> ImuSamples:
         return _read_bag(path, topic)
     if topic is not None:
         raise UserError(f"--imu-topic {topic}: {path} is not a bag and has no topics")
-    stamps, rows = list[int](), list[list[float]]()
-    for number, text in numbered_lines(path, f"a bag, or lines of {_FORM}"):
-        fields = text.split(",")
-        if fields[0].strip() == "timestamp":
-            continue
-        try:
-            stamp, values = int(fields[0]), [float(field) for field in fields[1:]]
-            if len(values) != 6 or not -(2**63) <= stamp < 2**63:
-                raise ValueError
-        except ValueError:
-            raise UserError(f"{path}, line {number}: not in the form {_FORM}, whole nanoseconds first") from None
-        stamps.append(stamp)
-        rows.append(values)
-    if not rows:
-        raise UserError(f"{path}: no samples in it; give lines of {_FORM}")
-    values_of = np.array(rows)
-    return checked_imu(np.array(stamps, np.int64), values_of[:, :3], values_of[:, 3:], str(path))
+    rows = parsed_lines(path, f"a bag, or lines of {_FORM}", _row)
+    values_of = np.array([values for _, values in rows])
+    return checked_imu(np.array([stamp for stamp, _ in rows]), values_of[:, :3], values_of[:, 3:], str(path))
+
+
+def _row(text: str) -> tuple[np.int64, NDArray[np.float64]]:
+    stamp, *values = text.split(",")
+    try:
+        return np.int64(int(stamp)), np.array(values, np.float64).reshape(6)
+    except (ValueError, OverflowError):
+        raise ValueError("not in that form, whole nanoseconds first") from None
 
 
 def _read_bag(path: Path | str, topic: str | None) -> ImuSamples:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from data.bags import is_bag
 from data.common.errors import UserError
-from data.common.files import natural_key, numbered_lines, write_atomically
+from data.common.files import natural_key, parsed_lines, write_atomically
 from data.datasets.data_set import DataSet, Recording, check_whole
 from data.geometry.poses import xyzquat_to_poses
 from data.plans.mesh_plan import read_mesh
@@ -207,15 +207,12 @@ class Slabim(DataSet):
 
 def _stamps(path: Path) -> list[int]:
     """Stamps from the last number of each line, seconds or integer nanoseconds."""
-    stamps = []
-    for number, text in numbered_lines(path, "one stamp per scan"):
-        last = (text.replace(",", " ").split() or [""])[-1]
-        try:
-            whole = last.isdecimal() and int(last) >= 1_000_000 * NS
-            stamps.append(int(last) if whole else seconds_to_ns(last))
-        except ValueError as error:
-            raise UserError(f"{path}, line {number}: {error}") from None
-    return stamps
+
+    def stamp(text: str) -> int:
+        last = text.replace(",", " ").split()[-1]
+        return int(last) if last.isdecimal() and int(last) >= 1_000_000 * NS else seconds_to_ns(last)
+
+    return parsed_lines(path, "one stamp per scan", stamp)
 
 
 def _truth(points: Path) -> Trajectory:

@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from data.common.errors import UnreadableScanError, UserError
+from data.common.errors import UnreadableScanError, UserError, refusing
+from data.common.files import parsed_lines
 from data.scans.formats import READERS, read_points
 from data.scans.point_times import Stamped
 from data.scans.scan import ScanSource
@@ -74,27 +75,17 @@ def _read_map(path: Path) -> Floats:
 
 
 def _read_npy(path: Path) -> Floats:
-    try:
+    with refusing(f"{path}: no poses (N, 4, 4)"):
         poses = np.asarray(np.load(path, allow_pickle=False), np.float64)
-    except (OSError, ValueError, EOFError) as error:
-        raise UserError(f"{path}: cannot be read ({error})") from None
-    if poses.ndim != 3 or poses.shape[1:] != (4, 4) or not len(poses):
-        raise UserError(f"{path}: an array of shape {poses.shape}; poses (N, 4, 4) needed")
-    try:
-        return np.stack([squared(pose) for pose in poses])
-    except ValueError as error:
-        raise UserError(f"{path}: {error}") from None
+        return np.stack([squared(pose) for pose in poses.reshape(-1, 4, 4)])
 
 
 def _stamps(path: Path, count: int) -> NDArray[np.int64] | None:
     """(count,) the stamps in the first column of a file; None where there are none."""
     if not path.is_file():
         return None
-    try:
-        stamps = [seconds_to_ns(line.split()[0]) for line in path.read_text().splitlines() if line.strip()]
-    except (OSError, ValueError) as error:
-        raise UserError(f"{path}: no stamps in seconds in its first column ({error})") from None
-    found = np.array(stamps, np.int64)
+    lines = parsed_lines(path, "stamps in seconds in the first column", lambda text: seconds_to_ns(text.split()[0]))
+    found = np.array(lines, np.int64)
     return None if len(found) != count or np.any(found[1:] <= found[:-1]) else found
 
 
@@ -127,30 +118,17 @@ def _read_submap(folder: Path, trajectory: Trajectory) -> MapPiece:
 
 def _read_data(path: Path) -> tuple[Floats, NDArray[np.int64]]:
     """T_world_origin (4, 4) and the stamps (M,) of the frames of a submap. Raises UserError."""
-    try:
-        lines = path.read_text().splitlines()
-        begin = next(k for k, line in enumerate(lines) if line.startswith("T_world_origin:"))
-        rows = [[float(word) for word in line.split()] for line in lines[begin + 1 : begin + 5]]
-        pose = squared(np.array(rows, np.float64).reshape(4, 4))
-        stamps = [seconds_to_ns(line.split()[1]) for line in lines if line.startswith("stamp:")]
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror})") from None
-    except (ValueError, StopIteration, IndexError):
-        raise UserError(f"{path}: not as GLIM writes it: no T_world_origin (4 x 4) or no stamps of frames") from None
-    if not stamps:
-        raise UserError(f"{path}: names no frame; give an undamaged dump")
-    return pose, np.array(sorted(stamps), np.int64)
+    with refusing(f"{path}: not as GLIM writes it, with T_world_origin (4 x 4) and stamps of frames"):
+        head, _, rest = path.read_text().partition("T_world_origin:")
+        pose = squared(np.array(rest.split()[:16], np.float64).reshape(4, 4))
+        stamps = [seconds_to_ns(line.split()[1]) for line in (head + rest).splitlines() if line.startswith("stamp:")]
+        return pose, np.array(sorted(stamps), np.int64)
 
 
 def _read_points(path: Path) -> Floats:
     """(N, 3) the points of a submap, stored as float32 x y z. Raises UserError."""
-    try:
-        raw = path.read_bytes()
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror}); give an undamaged dump") from None
-    if len(raw) % 12:
-        raise UserError(f"{path}: {len(raw)} bytes are not a whole number of float32 x y z")
-    points = np.frombuffer(raw, "<f4").reshape(-1, 3).astype(np.float64)
+    with refusing(f"{path}: not float32 x y z", "give an undamaged dump"):
+        points = np.frombuffer(path.read_bytes(), "<f4").reshape(-1, 3).astype(np.float64)
     return np.asarray(points[np.isfinite(points).all(axis=1)])
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
-from data.common.files import numbered_lines, write_atomically
+from data.common.files import parsed_lines, write_atomically
 from data.geometry.poses import poses_to_xyzquat
 from data.trajectory.stamps import ns_to_seconds, read_times
 from data.trajectory.trajectory import Trajectory, numbers_in, trajectory_in
@@ -47,7 +47,7 @@ def read_poses(path: Path | str, times: Path | str | None = None) -> PoseList:
     line's number, for anything else.
     """
     path = Path(path)
-    line = next((text for _, text in numbered_lines(path, "a file of poses")), "")
+    line = parsed_lines(path, "a file of poses", str)[0]
     if "," in line:
         poses = PoseList.of(trajectory_in(path, _EUROC_FORM, _euroc))
     elif len(line.split()) == _KITTI:
@@ -61,22 +61,17 @@ def read_poses(path: Path | str, times: Path | str | None = None) -> PoseList:
 
 def read_kitti(path: Path | str) -> NDArray[np.float64]:
     """(N, 4, 4) the poses of a file with the upper 3 x 4 of each, row by row. Raises UserError, naming the line."""
-    poses = []
-    for number, text in numbered_lines(path, "a file of poses"):
-        try:
-            row = numbers_in(text.split(), _KITTI, "the upper 3 x 4 of a pose")
-            poses.append(squared(np.vstack([row.reshape(3, 4), [0.0, 0.0, 0.0, 1.0]])))
-        except ValueError as error:
-            raise UserError(f"{path}, line {number}: {error}") from None
-    if not poses:
-        raise UserError(f"{path}: no poses in it; give lines of 12 numbers")
-    return np.stack(poses)
+
+    def pose(text: str) -> NDArray[np.float64]:
+        return squared(np.vstack([numbers_in(text.split(), _KITTI).reshape(3, 4), [0.0, 0.0, 0.0, 1.0]]))
+
+    return np.stack(parsed_lines(path, "lines of 12 numbers, the upper 3 x 4 of a pose", pose))
 
 
 def _euroc(text: str) -> tuple[int, NDArray[np.float64]]:
     """A line of EuRoC's ground truth: stamp in ns, position, quaternion with w first; what follows is not used."""
     stamp, *words = (word.strip() for word in text.split(","))
-    row = numbers_in(words[: _EUROC - 1], _EUROC - 1, _EUROC_FORM)
+    row = numbers_in(words[: _EUROC - 1], _EUROC - 1)
     if not stamp.lstrip("-").isdecimal() or abs(int(stamp)) > np.iinfo(np.int64).max:
         raise ValueError(f"'{stamp}' is not a stamp in whole nanoseconds")
     return int(stamp), row[[0, 1, 2, 4, 5, 6, 3]]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
-from data.common.files import numbered_lines
+from data.common.files import parsed_lines
 
 NS = 1_000_000_000
 SCAN_PERIOD_NS = NS // 10
@@ -84,13 +84,7 @@ def stamps_from_names(files: Sequence[Path]) -> list[int] | None:
 
 def read_times(path: Path) -> list[int]:
     """Reads stamps (ns) from a file with one float second per line; blank lines and `#` comments are skipped."""
-    stamps = []
-    for number, text in numbered_lines(path, "one stamp per line, in seconds"):
-        try:
-            stamps.append(seconds_to_ns(text))
-        except ValueError as error:
-            raise UserError(f"{path}, line {number}: {error}; give one stamp per line, in seconds") from None
-    return stamps
+    return parsed_lines(path, "one stamp per line, in seconds", seconds_to_ns)
 
 
 def check_increasing(stamps_ns: NDArray[np.int64], where: str, names: Sequence[str]) -> None:

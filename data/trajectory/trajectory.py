@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from data.common.errors import UserError
-from data.common.files import numbered_lines, write_atomically
+from data.common.files import parsed_lines, write_atomically
 from data.geometry.poses import poses_to_xyzquat, xyzquat_to_poses
 from data.trajectory.stamps import ns_to_seconds, seconds_to_ns
 
@@ -115,28 +114,25 @@ def trajectory_in(path: Path | str, form: str, parse: Callable[[str], tuple[int,
 
     Raises UserError, with the line's number, where `parse` raises ValueError and where stamps do not increase.
     """
-    stamps, rows = list[int](), list[NDArray[np.float64]]()
-    for number, text in numbered_lines(path, f"a trajectory, lines of {form}"):
-        try:
-            stamp, row = parse(text)
-            if not 1e-6 < np.linalg.norm(row[3:]) < 1e6:
-                raise ValueError("the quaternion has no direction (all zero?)")
-            if stamps and stamp <= stamps[-1]:
-                how = "repeats" if stamp == stamps[-1] else "goes backwards"
-                raise ValueError(f"the stamp {how}; sort by time, one pose per stamp")
-        except ValueError as error:
-            raise UserError(f"{path}, line {number}: {error}") from None
+    stamps = list[int]()
+
+    def row_of(text: str) -> NDArray[np.float64]:
+        stamp, row = parse(text)
+        if not 1e-6 < np.linalg.norm(row[3:]) < 1e6:
+            raise ValueError("the quaternion has no direction (all zero?)")
+        if stamps and stamp <= stamps[-1]:
+            raise ValueError(f"the stamp {'repeats' if stamp == stamps[-1] else 'goes backwards'}; sort by time")
         stamps.append(stamp)
-        rows.append(row)
-    if not rows:
-        raise UserError(f"{path}: no poses in it; give lines of {form}")
+        return row
+
+    rows = parsed_lines(path, f"a trajectory, lines of {form}", row_of)
     return Trajectory(np.array(stamps, dtype=np.int64), xyzquat_to_poses(rows))
 
 
-def numbers_in(words: Sequence[str], count: int, form: str) -> NDArray[np.float64]:
-    """(count,) finite numbers. Raises ValueError, which names the `form` of the line."""
+def numbers_in(words: Sequence[str], count: int) -> NDArray[np.float64]:
+    """(count,) finite numbers. Raises ValueError."""
     if len(words) != count:
-        raise ValueError(f"{len(words)} values, {form} needed")
+        raise ValueError(f"{len(words)} values")
     try:
         row = np.array([float(word) for word in words])
     except ValueError:
@@ -149,8 +145,8 @@ def numbers_in(words: Sequence[str], count: int, form: str) -> NDArray[np.float6
 def _tum(text: str) -> tuple[int, NDArray[np.float64]]:
     words = text.split()
     if len(words) != 8:
-        raise ValueError(f"{len(words)} values, 't x y z qx qy qz qw' needed")
-    return seconds_to_ns(words[0]), numbers_in(words[1:], 7, "")
+        raise ValueError(f"{len(words)} values")
+    return seconds_to_ns(words[0]), numbers_in(words[1:], 7)
 
 
 def moved_with(given: Trajectory, corrected: Trajectory) -> Trajectory:

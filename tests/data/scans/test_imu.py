@@ -72,8 +72,8 @@ def test_wrong_samples_are_refused(stamps: np.ndarray, gyro: np.ndarray, accel: 
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"1,0,0,0,0,0,9.8\n2,0,0,0,0,0\n", "line 2: not in the form"),
-        (b"0.005,0,0,0,0,0,9.8\n", "line 1: not in the form"),
+        (b"1,0,0,0,0,0,9.8\n2,0,0,0,0,0\n", "line 2: not in that form"),
+        (b"0.005,0,0,0,0,0,9.8\n", "line 1: not in that form"),
         (b"", "; give .*lines of"),
         (b"\xff\xfe\x00", "; give .*lines of"),
     ],

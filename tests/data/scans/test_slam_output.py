@@ -91,10 +91,10 @@ def test_a_damaged_dump_is_refused_with_its_file(tmp_path: Path) -> None:
     Trajectory(STAMPS, WAY).write_tum(tmp_path / "dump/traj_lidar.txt")
     rows = "1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"
     for text, points, said in (
-        ("id: 0\n", b"", "no T_world_origin"),
-        (f"T_world_origin:\n{rows}", b"", "names no frame"),
+        ("id: 0\n", b"", "not as GLIM writes it"),
+        (f"T_world_origin:\n{rows}", b"", "none of its frames"),
         (f"T_world_origin:\n{rows}stamp: 99.5\n", b"", "none of its frames"),
-        (f"T_world_origin:\n{rows}stamp: 5.000000123\n", b"1234567", "not a whole number"),
+        (f"T_world_origin:\n{rows}stamp: 5.000000123\n", b"1234567", "not float32 x y z"),
         (f"T_world_origin:\n{rows}stamp: 5.000000123\n", b"", "no point of the map is in view"),
     ):
         (dump / "data.txt").write_text(text)

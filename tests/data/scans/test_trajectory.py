@@ -61,7 +61,7 @@ EYE = "1 0 0 0 0 1 0 0 0 0 1 "
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"", "no poses"),
+        (b"", "nothing in it"),
         (b"\xff\xfe\x00\x81", "poses"),
         (b"1 0 0 0 0 0 0 1\n2 0 0 0 0 0 1\n", "line 2: 7 values"),
         (b"1 0 0 0 0 0 0 1\n\n1 0 0 0 0 0 0 1\n", "line 3: the stamp repeats"),
