@@ -25,10 +25,7 @@ _FIELDS: dict[str, tuple[tuple[str, ...], int]] = {  # what the ids are, and how
     _ROOM: ((_ROOM,), 3),
     _STEP: ((_POSE, _POSE), 28),
     _SEEN: ((_POSE, _PLANE), 4),
-    _WALLS: (
-        (_ROOM, _PLANE, _PLANE, _PLANE, _PLANE),
-        0,
-    ),  # its measurement is never set: a room is where its planes are
+    _WALLS: ((_ROOM, _PLANE, _PLANE, _PLANE, _PLANE), 0),  # its measurement is never set
 }
 _UNIT = 1e-3  # by which a unit vector may be off: files are written with six digits
 Floats = NDArray[np.float64]
@@ -148,9 +145,10 @@ def read_g2o(path: Path | str, poses_only: bool = False) -> PlaneGraph:
         if tag in (_POSE, _STEP) and abs(np.linalg.norm(numbers[3:7]) - 1) > _UNIT:
             raise ValueError("a rotation is not a unit quaternion")
         if tag in (_PLANE, _SEEN):
-            numbers, length = numbers / np.linalg.norm(numbers[:3]), np.linalg.norm(numbers[:3])
+            length = np.linalg.norm(numbers[:3])
             if abs(length - 1) > _UNIT:
                 raise ValueError("a plane's normal is not a unit vector")
+            numbers = numbers / length
         rows[tag].append((ids, numbers))
 
     for read in (look, keep):  # an edge may come before what it joins

@@ -196,7 +196,7 @@ def test_what_can_be_read_of_mcap_that_was_cut_off_is_used_other_bags_are_to_be_
     assert len(source.remarks) == 1 and "what could be read is used" in source.remarks[0]
     ros1 = lidar_bag(tmp_path / "drive.bag", "ros1", count=200)
     ros1.write_bytes(ros1.read_bytes()[:-1000])
-    with pytest.raises(UserError, match="cut off or is damaged .* repair it .'rosbag reindex'"):
+    with pytest.raises(UserError, match=r"cut off or is damaged .* repair it \('rosbag reindex'"):
         open_scans(ros1)
 
 
