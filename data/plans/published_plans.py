@@ -13,18 +13,17 @@ CSV with WKT. Both published tables (`MSD 5.664k (V1).csv`, `mds_V2_5.372k.csv`)
 import csv
 import json
 import logging
-from array import array
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 import shapely
 import shapely.geometry
 
-from data.common.errors import UserError, reason
+from data.common.errors import UserError, refusing
 from data.geometry.areas import Area, polygons_of, united
 from data.plans.flat_plan import HEIGHT, roomless_surfaces
 from data.plans.polygons import Drawing, DrawnRoom, Plan, scene_graph_of, with_pillars
@@ -60,17 +59,13 @@ def read_json_plan(text: str | bytes, where: str, merge_collinear: bool = True) 
     Balconies, shafts and rooms below `MIN_AREA` are left out; with `merge_collinear=False` (see `scene_graph_of`)
     shafts and voids alone, as in the published matcher's data.
     """
-    try:
+    with refusing(f"{where}: not a floor plan in JSON"):
         value = json.loads(text)
-        drawing = _drawing(value, everything=not merge_collinear)
+        drawing = _drawing(value, where, everything=not merge_collinear)
         name = str(value.get("name") or where)
         graph = scene_graph_of(drawing, merge_collinear)
         if merge_collinear and graph.wall_surfaces:
             graph = replace(graph, wall_surfaces=(*graph.wall_surfaces, *_roomless(drawing)))
-    except UserError as error:
-        raise UserError(f"{where}: {error}") from None
-    except Exception as error:  # shapely raises many kinds where coordinates are none
-        raise UserError(f"{where}: not a floor plan in JSON ({reason(error)})") from None
     if not graph.wall_surfaces:
         raise UserError(f"{where}: no room with walls; skip it, or draw its rooms as polygons")
     return Plan(name, str(value.get("building") or name), graph)
@@ -82,12 +77,14 @@ def _roomless(drawing: Drawing) -> list[WallSurface]:
     return [replace(s, id=f"surface{k}", source="", height=None) for k, s in enumerate(outside)]
 
 
-def _drawing(value: Any, everything: bool) -> Drawing:
+def _drawing(value: Any, where: str, everything: bool) -> Drawing:
     if value.get("unit", "m") != "m":
-        raise UserError(f"the unit is '{value['unit']}'; give the plan in metres ('m')")
+        raise UserError(f"{where}: the unit is '{value['unit']}'; give the plan in metres ('m')")
     elements = value.get("elements") or {}
     doors = [_area(e) for kind in DOORS for e in elements.get(kind, ())]
-    _check_metres(doors)
+    width = float(np.median([width_of(door) for door in doors])) if doors else sum(DOOR_WIDTH) / 2
+    if not DOOR_WIDTH[0] <= width <= DOOR_WIDTH[1]:
+        raise UserError(f"{where}: its doors are {width:.2g} m wide: the plan is not in metres; scale it")
     rooms = []
     for k, item in enumerate(value["rooms"]):
         kind = str(item.get("type") or item.get("name") or "")
@@ -105,15 +102,6 @@ def _area(item: dict[str, Any]) -> Area:
     if shape.is_empty or not np.isfinite(shape.bounds).all():
         raise ValueError("a polygon is empty or holds numbers that are not finite")
     return shape
-
-
-def _check_metres(doors: list[Area]) -> None:
-    """Checks the unit by the doors, whose size is known."""
-    if not doors:
-        return
-    width = float(np.median([width_of(door) for door in doors]))
-    if not DOOR_WIDTH[0] <= width <= DOOR_WIDTH[1]:
-        raise UserError(f"its doors are {width:.2g} m wide: the plan is not in metres; scale it")
 
 
 class Buildings:
@@ -135,82 +123,52 @@ class Buildings:
         return plan.building
 
 
-@dataclass
-class Index:
-    """Where the rows of each plan begin in the file (bytes), and the doors and walls of each floor."""
-
-    header: list[str]
-    plans: dict[str, array] = field(default_factory=dict)
-    fixed: dict[str, array] = field(default_factory=dict)
-    skipped: Counter[str] = field(default_factory=Counter)
+Row = dict[str, str]
 
 
 def read_msd(path: Path, merge_collinear: bool = True) -> Iterator[Plan]:
     """The table's apartments in the order in which they first appear; the rows of a plan may lie anywhere in it.
 
-    The file is scanned once for where each row begins, then each plan's rows are read when needed: this takes a few
-    bytes of memory per row. An apartment on several floors has several floors in its graph; ids of floors are
-    the table's. `merge_collinear`: see `scene_graph_of`; without it shafts, small rooms and balconies are rooms, as in
-    the published matcher's data.
+    An apartment on several floors has several floors in its graph; ids of floors are the table's. `merge_collinear`:
+    see `scene_graph_of`; without it shafts, small rooms and balconies are rooms, as in the published matcher's data.
 
     Rows without a usable polygon and plans without rooms are left out and counted in the log. Raises UserError for a
     file that is not such a table.
     """
-    with path.open("rb") as file:
-        index = _index(file, path)
-        everything, without_rooms = not merge_collinear, 0
-        fixed_of: list[str] = []
-        fixed: list[dict[str, str]] = []
-        for key, starts in index.plans.items():
-            rows = [_row(file, start, index.header) for start in starts]
-            floors = list(dict.fromkeys(r["floor_id"] for r in rows))
-            if floors != fixed_of:  # neighbours in the table share their floor
-                fixed = [_row(file, s, index.header) for f in floors for s in index.fixed.get(f, ())]
-                fixed_of = floors
-            drawing = _apartment(rows, fixed, everything, index.skipped)
-            graph = scene_graph_of(drawing, merge_collinear)
-            if not graph.wall_surfaces:
-                without_rooms += 1
-                continue
-            building = next((f"{c[:-3]} {_id(rows[0][c])}" for c in BUILDING if rows[0].get(c)), key)
-            yield Plan(f"apartment {key}", building, graph)
+    apartments, fixed = defaultdict[str, list[Row]](list), defaultdict[str, list[Row]](list)
+    skipped, without_rooms = Counter[str](), 0
+    for row in _rows(path, skipped):
+        if row["roomtype"].strip().lower() in NO_AREA:
+            fixed[row["floor_id"]].append(row)
+        elif row["apartment_id"] and row["floor_id"]:
+            apartments[_id(row["apartment_id"])].append(row)
+    for key, rows in apartments.items():
+        around = [row for floor in dict.fromkeys(r["floor_id"] for r in rows) for row in fixed[floor]]
+        graph = scene_graph_of(_apartment(rows, around, not merge_collinear, skipped), merge_collinear)
+        if not graph.wall_surfaces:
+            without_rooms += 1
+            continue
+        building = next((f"{c[:-3]} {_id(rows[0][c])}" for c in BUILDING if rows[0].get(c)), key)
+        yield Plan(f"apartment {key}", building, graph)
     if without_rooms:
-        _log.warning(f"{path}: skipped {without_rooms} of {len(index.plans)} plans: no room with walls")
-    for why, count in index.skipped.items():
+        _log.warning(f"{path}: skipped {without_rooms} of {len(apartments)} plans: no room with walls")
+    for why, count in skipped.items():
         _log.warning(f"{path}: skipped {count} rows: {why}")
 
 
-def _index(file: BinaryIO, path: Path) -> Index:
-    """One pass over the table."""
+def _rows(path: Path, skipped: Counter[str]) -> Iterator[Row]:
     csv.field_size_limit(LARGEST_FIELD)
-    reader = csv.reader(line.decode() for line in iter(file.readline, b""))  # reads no line ahead
-    try:
-        header = next(reader, [])
-        header[:1] = [name.removeprefix("\ufeff") for name in header[:1]]
-        column = {name: k for k, name in enumerate(header)}
-        lacking = [c for c in ("floor_id", "apartment_id", "roomtype") if c not in column]
-        if lacking or not any(c in column for c in GEOMETRY):
+    with refusing(f"{path}: not a CSV table in UTF-8"), path.open(encoding="utf-8-sig", newline="") as file:
+        table = csv.DictReader(file)
+        header = table.fieldnames or ()
+        lacking = [c for c in ("floor_id", "apartment_id", "roomtype") if c not in header]
+        if lacking or not any(c in header for c in GEOMETRY):
             raise UserError(f"{path}: not Modified Swiss Dwellings: no column {', '.join(lacking) or GEOMETRY[0]}")
-        index = Index(header)
-        key = column["apartment_id"]
-        start = file.tell()
-        for row in reader:
-            here, start = start, file.tell()
-            if len(row) != len(header):
-                index.skipped["not as many columns as the header has"] += bool(row)
-            elif row[column["roomtype"]].strip().lower() in NO_AREA:
-                index.fixed.setdefault(row[column["floor_id"]], array("q")).append(here)
-            elif row[key] and row[column["floor_id"]]:
-                index.plans.setdefault(_id(row[key]), array("q")).append(here)
-    except (csv.Error, UnicodeDecodeError) as error:
-        raise UserError(f"{path}: not a CSV table in UTF-8 ({error})") from None
-    return index
-
-
-def _row(file: BinaryIO, start: int, header: list[str]) -> dict[str, str]:
-    file.seek(start)
-    reader = csv.reader(line.decode() for line in file)
-    return dict(zip(header, next(reader), strict=True))
+        for row in table:
+            if None in row or None in row.values():
+                skipped["not as many columns as the header has"] += 1
+            else:
+                yield row
 
 
 def _id(value: str) -> str:
@@ -218,9 +176,7 @@ def _id(value: str) -> str:
     return value[:-2] if value.endswith(".0") else value
 
 
-def _apartment(
-    rows: list[dict[str, str]], fixed: list[dict[str, str]], everything: bool, skipped: Counter[str]
-) -> Drawing:
+def _apartment(rows: list[Row], fixed: list[Row], everything: bool, skipped: Counter[str]) -> Drawing:
     rooms: list[DrawnRoom] = []
     floors: dict[str, Floor] = {}
     for k, row in enumerate(rows):
@@ -247,7 +203,7 @@ def _apartment(
     return Drawing(rooms, doors, united(walls), tuple(floors.values()))
 
 
-def _polygons(row: dict[str, str], skipped: Counter[str]) -> list[Area]:
+def _polygons(row: Row, skipped: Counter[str]) -> list[Area]:
     text = next(row[c] for c in GEOMETRY if c in row)
     try:
         shape = shapely.from_wkt(text)
