@@ -29,8 +29,10 @@ UNITS = {  # $INSUNITS -> metres
 }  # fmt: skip
 NAMES = {1.0: "metres", 1e-2: "centimetres", 1e-3: "millimetres", 0.0254: "inches", 0.3048: "feet"}
 DRAWN = ("LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "HATCH", "SOLID", "TRACE")
+EXPANDED = ("INSERT", "MLINE")
 SMALLEST, LARGEST, USUAL = 2.0, 3000.0, 40.0  # m: of a building's plan
-DEEPEST, MOST, MOST_BLOCKS = 12, 2_000_000, 50_000  # blocks within blocks; line segments; blocks wherever they lie
+DEEPEST = 12  # blocks within blocks
+MOST, LINES_A_BLOCK = 2_000_000, 40  # line segments; as many take as long as a block
 CURVE = 16  # chords of a bow
 
 
@@ -70,51 +72,38 @@ def read_dxf(path: Path | str, layers: Sequence[str] = ()) -> tuple[SceneGraph, 
 
 def _by_layer(drawing: Any, path: Path) -> dict[str, _Drawn]:
     found: dict[str, _Drawn] = defaultdict(_Drawn)
-    budget = _Budget(path)
-    for layer, entity in _exploded(drawing.modelspace(), "0", 0, budget):
-        budget.lines -= _add(found[layer], entity)
-        budget.check()
+    lines = 0
+    for layer, entity in _exploded(drawing.modelspace(), "0", 0):
+        lines += _add(found[layer], entity)
+        if lines > MOST:  # blocks within blocks can exceed any memory
+            raise UserError(
+                f"{path}: holds over {MOST:,} lines, or {MOST // LINES_A_BLOCK:,} blocks; purge the drawing"
+            )
     return {name: drawn for name, drawn in found.items() if drawn.count()}
 
 
-@dataclass
-class _Budget:
-    """Limits the number of drawn entities, since nested blocks can exceed any memory."""
-
-    path: Path
-    lines: int = MOST
-    blocks: int = MOST_BLOCKS
-
-    def check(self) -> None:
-        """Raises UserError if the limit is exceeded."""
-        if self.lines < 0 or self.blocks < 0:
-            most = f"{MOST:,} lines or {MOST_BLOCKS:,} blocks"
-            raise UserError(f"{self.path}: holds over {most}; purge the drawing")
-
-
-def _exploded(entities: Any, layer: str, depth: int, budget: _Budget) -> Iterator[tuple[str, Any]]:
-    """Entities with their layers; blocks and multilines are expanded, with layer 0 in a block meaning the block's
-    own.
-    """
+def _exploded(entities: Any, layer: str, depth: int) -> Iterator[tuple[str, Any]]:
+    """Entities with their layers; blocks and multilines are followed by what is in them, of which layer 0 means their
+    own."""
     for entity in entities:
         own = entity.dxf.get("layer", "0")
         own = layer if own == "0" else own
         kind = entity.dxftype()
-        if kind in DRAWN:
+        if kind in DRAWN or (kind in EXPANDED and depth < DEEPEST):
             yield own, entity
-        elif kind in ("INSERT", "MLINE") and depth < DEEPEST:
-            several = kind == "INSERT" and entity.mcount > 1
-            budget.blocks -= entity.mcount if several else 1
-            budget.check()
-            for one in entity.multi_insert() if several else [entity]:
-                yield from _exploded(one.virtual_entities(), own, depth + 1, budget)
+        if kind in EXPANDED and depth < DEEPEST:
+            for one in entity.multi_insert() if kind == "INSERT" and entity.mcount > 1 else [entity]:
+                yield from _exploded(one.virtual_entities(), own, depth + 1)
 
 
 def _add(drawn: _Drawn, entity: Any) -> int:
-    """Adds an entity's lines in plan and returns their number. Broken entities are skipped."""
+    """Adds an entity's lines in plan and returns their number, for a block what it costs. Broken entities are
+    skipped."""
     from ezdxf import path as paths
 
     kind = entity.dxftype()
+    if kind in EXPANDED:
+        return LINES_A_BLOCK * (entity.mcount if kind == "INSERT" else 1)
     try:
         if kind == "HATCH":
             rings = [_flat(p) for p in paths.from_hatch(entity)]

@@ -6,15 +6,14 @@ as in indoor maps of OpenStreetMap and IMDF; by default a polygon is a room and 
 """
 
 import math
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import shapely
 import shapely.geometry
-from numpy.typing import NDArray
 
 from data.common.errors import UserError, refusing
 from data.geometry.areas import Area, polygons_of, united
@@ -33,16 +32,6 @@ SMALLEST_METRES, LARGEST = 0.5, 20_000.0  # extents: below the one it is degrees
 DOOR_DEPTH = 0.4  # m: of a door drawn as a line or point
 SAME_HEIGHT = 0.01  # m
 EARTH = 6_378_137.0  # m
-
-
-@dataclass
-class _Storey:
-    walls: list[Area] = field(default_factory=list)
-    lines: list[NDArray[np.float64]] = field(default_factory=list)  # each (K, 2, 2)
-    rooms: list[tuple[str, str, Area]] = field(default_factory=list)
-    doors: list[Area] = field(default_factory=list)
-    elevations: list[float] = field(default_factory=list)
-    heights: list[float] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -75,11 +64,12 @@ def plan_of(value: Any, where: str) -> tuple[SceneGraph, tuple[str, ...]]:
     if not isinstance(value, dict) or value.get("type") not in ("FeatureCollection", "Feature"):
         raise UserError(f"{where}: not GeoJSON; give a FeatureCollection")
     features, notices = _in_metres(_features(value, where), where)
-    storeys: dict[str, _Storey] = defaultdict(_Storey)
+    storeys = defaultdict[str, list[_Feature]](list)
     for feature in features:
-        _sort_in(storeys[feature.text(STOREY)], feature)
+        storeys[feature.text(STOREY)].append(feature)
     with refusing(f"{where}: its geometry cannot be used"):
-        flat = [_flat(name, storey) for name, storey in storeys.items() if storey.rooms or storey.walls or storey.lines]
+        flat = [_storey(name, own) for name, own in storeys.items()]
+        flat = [storey for storey in flat if storey.rooms or not storey.walls.is_empty]
         flat.sort(key=lambda s: (s.elevation is None, s.elevation or 0.0, s.name))
         graph, made = graph_of_storeys(flat, where)
     if len(flat) > 1 and any(s.elevation is None for s in flat):
@@ -126,44 +116,40 @@ def _in_metres(features: list[_Feature], where: str) -> tuple[list[_Feature], li
     return [_Feature(m, f.properties, f.id) for f, m in zip(features, moved, strict=True)], [message]
 
 
-def _sort_in(storey: _Storey, feature: _Feature) -> None:
-    """Adds a feature to its storey, by what it is."""
-    kinds = [str(feature.properties[n]).lower() for n in KIND if feature.properties.get(n) not in (None, "")]
-    message = " ".join(kinds)
-    kind = feature.shape.geom_type.removeprefix("Multi")
-    storey.elevations += [z] if (z := feature.number(ELEVATION)) is not None else []
-    storey.heights += [h] if (h := feature.number(HEIGHT)) is not None and h > 1.0 else []
-    if any(word in message for word in DOOR) or ("door" in feature.properties and kind != "Polygon"):
-        depth, cap = 0.0 if kind == "Polygon" else DOOR_DEPTH / 2, "flat" if kind == "LineString" else "square"
-        storey.doors.append(polygons_of(feature.shape.buffer(depth, cap_style=cap)))
-    elif kind == "Polygon":
-        area = polygons_of(feature.shape)
-        if any(word in message for word in WALL):
-            storey.walls.append(area)
-        elif not any(k in NO_PART for k in kinds) and is_room(kinds[-1] if kinds else ""):
-            storey.rooms.append((feature.id, feature.text(("name", "label", "room", "number")), area))
-    elif kind == "LineString" and not any(k in NO_PART for k in kinds):
-        thickness = feature.number(THICKNESS)
-        if thickness is not None and 0.0 < thickness < 2.0:
-            storey.walls.append(polygons_of(feature.shape.buffer(thickness / 2, cap_style="flat", join_style="mitre")))
-        else:
-            for line in shapely.get_parts(feature.shape):
-                points = np.asarray(line.coords)
-                storey.lines.append(np.stack([points[:-1], points[1:]], axis=1))
-
-
-def _flat(name: str, storey: _Storey) -> FlatStorey:
-    segments = np.concatenate([np.empty((0, 2, 2)), *storey.lines])
+def _storey(name: str, features: Sequence[_Feature]) -> FlatStorey:
+    """The features of a storey, sorted by what they are."""
+    walls, doors, lines = list[Area](), list[Area](), [np.empty((0, 2, 2))]
+    rooms, ids = list[tuple[str, str, Area]](), Counter[str]()
+    for feature in features:
+        kinds = [str(feature.properties[n]).lower() for n in KIND if feature.properties.get(n) not in (None, "")]
+        message, holds_rooms = " ".join(kinds), any(k in NO_PART for k in kinds)
+        shape, kind = feature.shape, feature.shape.geom_type.removeprefix("Multi")
+        if any(word in message for word in DOOR) or ("door" in feature.properties and kind != "Polygon"):
+            depth, cap = 0.0 if kind == "Polygon" else DOOR_DEPTH / 2, "flat" if kind == "LineString" else "square"
+            doors.append(polygons_of(shape.buffer(depth, cap_style=cap)))
+        elif kind == "Polygon" and any(word in message for word in WALL):
+            walls.append(polygons_of(shape))
+        elif kind == "Polygon" and not holds_rooms and is_room(kinds[-1] if kinds else ""):
+            ids[feature.id] += 1
+            id = feature.id if ids[feature.id] == 1 else f"{feature.id}~{ids[feature.id]}"
+            rooms.append((id, feature.text(("name", "label", "room", "number")), polygons_of(shape)))
+        elif kind == "LineString" and not holds_rooms:
+            thickness = feature.number(THICKNESS)
+            if thickness is not None and 0.0 < thickness < 2.0:
+                walls.append(polygons_of(shape.buffer(thickness / 2, cap_style="flat", join_style="mitre")))
+            else:
+                ends = [np.asarray(line.coords) for line in shapely.get_parts(shape)]
+                lines += [np.stack([points[:-1], points[1:]], axis=1) for points in ends]
+    segments = np.concatenate(lines)
     segments = segments[np.any(segments[:, 0] != segments[:, 1], axis=1)]
-    walls = walls_of_lines(segments, storey.walls).area
-    ids: dict[str, int] = defaultdict(int)
-    rooms = []
-    for id, label, area in storey.rooms:
-        if not area.is_empty:
-            ids[id] += 1
-            rooms.append((id if ids[id] == 1 else f"{id}~{ids[id]}", label, area))
-    doors = [d for d in storey.doors if not d.is_empty]
-    elevation = float(np.median(storey.elevations)) if storey.elevations else None
-    height = float(np.median(storey.heights)) if storey.heights else None
-    is_level = all(max(z) - min(z) < SAME_HEIGHT for z in (storey.elevations, storey.heights) if z)
-    return FlatStorey(name, united([walls]), rooms, doors, elevation, height, is_level)
+    elevations = [z for feature in features if (z := feature.number(ELEVATION)) is not None]
+    heights = [h for feature in features if (h := feature.number(HEIGHT)) is not None and h > 1.0]
+    return FlatStorey(
+        name,
+        united([walls_of_lines(segments, walls).area]),
+        [room for room in rooms if not room[2].is_empty],
+        [door for door in doors if not door.is_empty],
+        float(np.median(elevations)) if elevations else None,
+        float(np.median(heights)) if heights else None,
+        all(max(z) - min(z) < SAME_HEIGHT for z in (elevations, heights) if z),
+    )

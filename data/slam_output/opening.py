@@ -45,8 +45,7 @@ def read_kiss_poses(folder: Path) -> PoseList:
     if len(texts) != 1:
         raise UserError(f"{folder}: {len(texts)} files *_poses_kitti.txt; give a folder with the results of one run")
     stem = texts[0].name.removesuffix("_kitti.txt")
-    exact = folder / f"{stem}.npy"
-    poses = _read_npy(exact) if exact.is_file() else read_kitti(texts[0])
+    poses = read_kitti(texts[0])  # in full precision
     return PoseList(poses, _stamps(folder / f"{stem}_tum.txt", len(poses)), at_ends=True)
 
 
@@ -72,12 +71,6 @@ def _read_map(path: Path) -> Floats:
         return np.asarray(read_points(path), np.float64)
     except UnreadableScanError as error:
         raise UserError(f"{path}: {error}") from None
-
-
-def _read_npy(path: Path) -> Floats:
-    with refusing(f"{path}: no poses (N, 4, 4)"):
-        poses = np.asarray(np.load(path, allow_pickle=False), np.float64)
-        return np.stack([squared(pose) for pose in poses.reshape(-1, 4, 4)])
 
 
 def _stamps(path: Path, count: int) -> NDArray[np.int64] | None:
