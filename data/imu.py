@@ -6,7 +6,7 @@ EuRoC: `timestamp [ns], w_x, w_y, w_z [rad/s], a_x, a_y, a_z [m/s2]` a line, as 
 
 import logging
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -47,10 +47,14 @@ class ImuSamples:
         shape = (len(self.stamps_ns), 3)
         if self.stamps_ns.dtype != np.int64 or self.gyro.shape != shape or self.accel.shape != shape:
             raise ValueError(f"IMU: {shape[0]} stamps with gyro {self.gyro.shape} and accel {self.accel.shape}")
-        if np.any(np.diff(self.stamps_ns) <= 0):
-            raise ValueError("IMU: the stamps do not increase strictly")
-        if not (np.isfinite(self.gyro).all() and np.isfinite(self.accel).all()):
-            raise ValueError("IMU: a value is not finite")
+        bad = np.flatnonzero(np.diff(self.stamps_ns) <= 0)
+        if bad.size:
+            at = ns_to_seconds(int(self.stamps_ns[bad[0] + 1]))
+            raise ValueError(f"the stamp at {at} s repeats or goes backwards; sort the samples by time")
+        bad = np.flatnonzero(~np.isfinite(np.column_stack([self.gyro, self.accel])).all(axis=1))
+        if bad.size:
+            at = ns_to_seconds(int(self.stamps_ns[bad[0]]))
+            raise ValueError(f"a value at {at} s is not finite; leave it out")
 
     def __len__(self) -> int:
         """The number of samples."""
@@ -64,19 +68,15 @@ def checked_imu(stamps_ns: ArrayLike, gyro: ArrayLike, accel: ArrayLike, where: 
     from, for stamps that do not increase, values that are not finite, rates that no chip measures, and forces that are
     far from gravity.
     """
-    stamps, forces = np.asarray(stamps_ns, np.int64), np.asarray(accel, np.float64)
-    bad = np.flatnonzero(np.diff(stamps) <= 0)
-    if bad.size:
-        at = ns_to_seconds(int(stamps[bad[0] + 1]))
-        raise UserError(f"{where}: the stamp at {at} s repeats or goes backwards; sort the samples by time")
-    rates = np.asarray(gyro, np.float64)
-    bad = np.flatnonzero(~(np.isfinite(rates).all(axis=1) & np.isfinite(forces).all(axis=1)))
-    if bad.size:
-        raise UserError(f"{where}: a value at {ns_to_seconds(int(stamps[bad[0]]))} s is not finite; leave it out")
+    stamps, rates = np.asarray(stamps_ns, np.int64), np.asarray(gyro, np.float64)
+    try:
+        samples = ImuSamples(stamps, rates, np.asarray(accel, np.float64))
+    except ValueError as error:
+        raise UserError(f"{where}: {error}") from None
     fastest = float(np.abs(rates).max(initial=0.0))
     if fastest > _FASTEST:
         raise UserError(f"{where}: the gyroscope shows up to {fastest:.3g}; give rad/s, not degrees per second")
-    unit, usual = unit_of_forces(forces), float(np.median(np.linalg.norm(forces, axis=1)))
+    unit, usual = unit_of_forces(samples.accel), float(np.median(np.linalg.norm(samples.accel, axis=1)))
     if unit is None:
         raise UserError(
             f"{where}: the accelerometer shows {usual:.3g} in the median, neither 9.8 m/s2 nor 1 g; give the specific "
@@ -84,7 +84,7 @@ def checked_imu(stamps_ns: ArrayLike, gyro: ArrayLike, accel: ArrayLike, where: 
         )
     if unit != 1.0:
         _log.info("%s: specific forces of %.2f in the median are taken to be in g", where, usual)
-    return ImuSamples(stamps, rates, forces * unit)
+    return replace(samples, accel=samples.accel * unit)
 
 
 def unit_of_forces(forces: Floats) -> float | None:

@@ -1,9 +1,8 @@
 """Scans in bags, of ROS messages: sensor_msgs/PointCloud2 of any layout, and Livox's CustomMsg."""
 
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -122,7 +121,6 @@ class BagScans(ScanSource):
             raise UserError(f"{self.path}: no scans (PointCloud2 or Livox CustomMsg){self._bag.damage}; {give}")
         self.topic = self._choose(topic)
         self._count = counts[self.topic]
-        self._unset_logged, self._told = False, set[Path]()
 
     def __len__(self) -> int:
         """How many messages the topic has."""
@@ -141,27 +139,21 @@ class BagScans(ScanSource):
             self.note = f"scans are read from {lidars[0]}, which has a LiDAR's fields; others with points: {bag.listed}"
         return lidars[0]
 
-    def _jobs(self) -> Iterator[Callable[[], Scan]]:
-        self._index, self._unset_logged = 0, False
-        self._records = self._bag.messages(self.topic)
-        return repeat(self._next)
+    def __iter__(self) -> Iterator[Scan]:
+        self._records, self._read_so_far, self._unset_logged = self._bag.messages(self.topic), 0, False
+        yield from super().__iter__()
+        lost = f" of {self._count}" if self._read_so_far < self._count else ""
+        for path, damage in self._bag.damages().items():
+            self.remarks.append(f"{path}: {damage}; what could be read is used: {self._read_so_far}{lost} scans")
 
-    def _next(self) -> Scan:
+    def _read(self, index: int) -> Scan:
         record = next(self._records, None)
-        index, self._index = self._index, self._index + 1
         if record is None:
-            self._log_at_end(index)
             raise EndOfScansError
+        self._read_so_far = index + 1
         cloud = read_cloud(record.data, record.msgtype, record.is_cdr)
         if not cloud.stamp_ns and record.log_ns and not self._unset_logged:
             self._unset_logged = True
             self.remarks.append(f"{self.topic}: its headers have no stamp; the time of recording is used instead")
         stamp_ns = cloud.stamp_ns or record.log_ns
         return finished(index, stamp_ns, cloud.points, cloud.times, self.path, stamped=self.stamped)
-
-    def _log_at_end(self, read: int) -> None:
-        for path, damage in self._bag.damages().items():
-            if path not in self._told:
-                lost = f" of {self._count}" if read < self._count else ""
-                self.remarks.append(f"{path}: {damage}; what could be read is used: {read}{lost} scans")
-                self._told.add(path)

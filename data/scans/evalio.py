@@ -1,8 +1,7 @@
 """Sequences of evalio's data sets as scans (github.com/contagon/evalio). Needs the extra `evalio`."""
 
 import difflib
-from collections.abc import Callable, Iterator
-from itertools import repeat
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -42,12 +41,11 @@ class EvalioScans(ScanSource):
         """The number of scans."""
         return self._count
 
-    def _jobs(self) -> Iterator[Callable[[], Scan]]:
-        self._index, self._measurements = 0, iter(self._sequence.lidar())
-        return repeat(self._next)
+    def __iter__(self) -> Iterator[Scan]:
+        self._measurements = iter(self._sequence.lidar())
+        return super().__iter__()
 
-    def _next(self) -> Scan:
-        index, self._index = self._index, self._index + 1
+    def _read(self, index: int) -> Scan:
         with refusing("a broken scan", kind=UnreadableScanError):
             measurement = next(self._measurements, None)
         if measurement is None:

@@ -1,8 +1,6 @@
 """Opens scans in any form: a folder of scans, a bag, an E57 file, a sequence of evalio's."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -47,9 +45,6 @@ class ScanFolder(ScanSource):
     def __len__(self) -> int:
         """The number of scans in the folder, readable or not."""
         return len(self.files)
-
-    def _jobs(self) -> Iterator[Callable[[], Scan]]:
-        return (partial(self._read, index) for index in range(len(self)))
 
     def _name(self, index: int) -> tuple[Path, str]:
         return self.files[index], self.files[index].name

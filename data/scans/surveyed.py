@@ -2,8 +2,6 @@
 scan each (ASPRS LAS 1.4 R15)."""
 
 import struct
-from collections.abc import Callable, Iterator
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -51,9 +49,6 @@ class E57Scans(ScanSource):
     def __len__(self) -> int:
         """The number of scans in the file."""
         return len(self._counts)
-
-    def _jobs(self) -> Iterator[Callable[[], Scan]]:
-        return (partial(self._read, k) for k in range(len(self)))
 
     def _read(self, index: int) -> Scan:
         if self._counts[index] > BEST_RATIO * self.path.stat().st_size:

@@ -1,8 +1,7 @@
 """A finished map as scans: its points as the poses saw them."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -61,9 +60,6 @@ class MapScans(ScanSource):
     def __len__(self) -> int:
         """The number of poses that points are given to."""
         return len(self._poses)
-
-    def _jobs(self) -> Iterator[Callable[[], Scan]]:
-        return (partial(self._read, index) for index in range(len(self)))
 
     def _read(self, index: int) -> Scan:
         pose = self.given.poses[self._poses[index]]

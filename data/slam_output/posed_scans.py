@@ -1,6 +1,6 @@
 """Scans with the poses that another SLAM system found for them."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -121,8 +121,8 @@ class PosedScans(ScanSource):
             return None
         return replace(scan, T_odom_sensor=self.given.at(stamps)[0], point_times=times)
 
-    def _jobs(self) -> Iterator[Callable[[], Scan]]:
-        return self._scans._jobs()
+    def _read(self, index: int) -> Scan:
+        return self._scans._read(index)
 
 
 def _duration_ns(scans: ScanSource) -> int:

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import scan_files
 from bag_files import NS, START, cloud, lidar_bag, store, write_bag
-from numpy.typing import NDArray
 from scan_files import BAGS, E57, FILES, GOOD, LAYOUTS, SECONDS, UNTIMED, points_of, stamp_of, write_scans
 
 from data.common.errors import UnreadableScanError, UserError
@@ -97,29 +96,6 @@ def test_a_wrong_file_is_unreadable_and_allocates_little(
         read_points(tmp_path / f"0{suffix}")
     assert tracemalloc.get_traced_memory()[1] < 50e6 and "\n" not in str(caught.value)
     tracemalloc.stop()
-
-
-def lidar_points(count: int, order: str) -> NDArray[np.float32]:
-    """Walls of a room of 12 x 8 m by a LiDAR of 16 rings, which lie turn by turn, ring by ring, or in no order."""
-    angles = np.linspace(-np.pi, np.pi, -(-count // 16))
-    rise, turn = np.meshgrid(np.deg2rad(np.linspace(-15, 15, 16)), angles, indexing="xy" if order == "turn" else "ij")
-    along = np.stack([np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)], axis=-1).reshape(-1, 3)
-    points = along * (np.array([6.0, 4.0, 1.5]) / np.maximum(np.abs(along), 1e-9)).min(axis=1)[:, None]
-    points = points + np.random.default_rng(0).normal(0, 0.01, points.shape)
-    if order == "none":
-        points = np.random.default_rng(1).permutation(points)
-    return points[:count].astype("<f4")
-
-
-@pytest.mark.parametrize("more", ["", "shares", "zeros rings", "shares times"])
-def test_values_a_point_of_a_bin_are_recognised(more: str, tmp_path: Path) -> None:
-    """Sizes that are whole numbers of points of 3, 4 and 5 values (60 divides 4 * 120 and the like)."""
-    for order, count in ((order, count) for order in ("turn", "ring", "none") for count in (120, 500, 6000)):
-        points, random = lidar_points(count, order), np.random.default_rng(2)
-        columns = {"shares": random.random(count), "bytes": random.integers(0, 256, count), "zeros": np.zeros(count)}
-        columns |= {"rings": np.arange(count) % 16, "times": np.linspace(0, 0.1, count)}
-        np.column_stack([points, *(columns[name] for name in more.split())]).astype("<f4").tofile(tmp_path / "0.bin")
-        assert np.array_equal(read_points(tmp_path / "0.bin"), points), (order, count)
 
 
 def test_bad_scans_are_skipped_and_named_up_to_a_fifth(tmp_path: Path) -> None:
