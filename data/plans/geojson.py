@@ -56,12 +56,12 @@ class _Feature:
         return None
 
 
-def plan_of(value: Any, where: str) -> tuple[SceneGraph, tuple[str, ...]]:
+def plan_of(value: dict[str, Any], where: str) -> tuple[SceneGraph, tuple[str, ...]]:
     """Returns the A-graph (frame "bim") of a feature collection, and notices.
 
     Raises UserError if it is none, its geometry is broken, its size is implausible, or it has no walls or rooms.
     """
-    if not isinstance(value, dict) or value.get("type") not in ("FeatureCollection", "Feature"):
+    if value.get("type") not in ("FeatureCollection", "Feature"):
         raise UserError(f"{where}: not GeoJSON; give a FeatureCollection")
     features, notices = _in_metres(_features(value, where), where)
     storeys = defaultdict[str, list[_Feature]](list)

@@ -57,10 +57,7 @@ def _piped(path: Path) -> object:
 
 
 def _scan_samples(suffix: str, folder: Path) -> list[bytes]:
-    made = [write(scan_files.points_of(0)) for name, write in scan_files.FILES.items() if name.endswith(suffix)]
-    if suffix == ".bin":  # enough for their width to be looked at
-        made += [np.tile(scan_files.points_of(0), (9, 1)).tobytes()]
-    return made
+    return [write(scan_files.points_of(0)) for name, write in scan_files.FILES.items() if name.endswith(suffix)]
 
 
 def _bag(kind: str, folder: Path) -> list[bytes]:

@@ -64,7 +64,7 @@ def test_wrong_samples_are_refused(stamps: np.ndarray, gyro: np.ndarray, accel: 
     with pytest.raises(UserError, match=message):
         checked_imu(stamps, gyro, accel, "here")
     if not message.startswith(("gravity", "up to")):
-        with pytest.raises(ValueError, match="IMU|the stamp|a value"):
+        with pytest.raises(ValueError, match=r"IMU|the stamp|a value"):
             ImuSamples(stamps, gyro, accel)
     assert len(checked_imu(STAMPS, replaced(GYRO, 2, -34.0), ACCEL, "here")) == 5  # as fast as chips measure
 
