@@ -19,7 +19,7 @@ from data.scans.bags import CLOUDS, is_lidar, read_cloud
 from data.scans.formats import is_scan, read_timed
 from data.scans.point_times import Stamped, StampRule, TurnTimes
 from data.scans.scan import SkippedScan, finished
-from data.trajectory.stamps import NOTE_INDICES, SCAN_PERIOD_NS, ns_to_seconds, seconds_to_ns, stamp_of
+from data.trajectory.stamps import NOTE_INDICES, SCAN_PERIOD_NS, ns_to_seconds, seconds_to_ns, stamp_of, times_of
 
 _SETTLED = 1.0  # s after its last change from which a file is complete,
 _LEFT = 0.1  # and so soon where a later one is there: its writer has gone on
@@ -208,8 +208,7 @@ class GrowingStamps:
         """The stamp of a scan; None while its line in times.txt is not complete. Raises UserError where it is wrong or
         missing."""
         if self._in_names is None:
-            beside = (self._folder / "times.txt", self._folder.resolve().parent / "times.txt")
-            self._times = next((times for times in beside if times.is_file()), None)
+            self._times = times_of(self._folder)
             self._in_names = self._times is None and stamp_of(file) is not None
         if self._times is not None:
             if index >= len(self._stamps):
