@@ -17,13 +17,13 @@ from data.ifc.guard import read_guarded
 from data.plans.dxf import read_dxf
 from data.plans.geojson import plan_of
 from data.plans.polygons import Plan
-from data.plans.published_plans import Buildings, read_json_plan, read_msd
+from data.plans.published_plans import Buildings, read_json_plan
 from data.scene_graph import SceneGraph
 
 EXTRACTOR_VERSION = 9  # to be raised whenever the A-graph of the same file changes
 IFC_SUFFIXES = (".ifc", ".ifczip")
 PLANS = "an IFC file (.ifc, .ifczip), a drawing (.dxf), GeoJSON (.geojson), or an A-graph (.json)"
-SETS = "plans (.json, .csv, .tar.gz, .ifc) or a folder of them"
+SETS = "plans (.json, .tar.gz, .ifc) or a folder of them"
 MAX_MEMBER = 50_000_000  # bytes: no plan is larger
 _log = logging.getLogger(__name__)
 Split = Literal["train", "validation", "test"]
@@ -114,12 +114,11 @@ def _keep(entry: Path, bim: Bim) -> None:
 
 
 def read_plans(path: Path | str, merge_collinear: bool = True) -> Iterator[Plan]:
-    """Reads plans one by one, in the order of their names (a table's in its own order).
+    """Reads plans one by one, in the order of their names.
 
-    `path` is a folder of plan JSON files or one of them (see `published_plans`), a `.tar.gz` of such files, Modified
-    Swiss Dwellings' `.csv` (its apartments), an `.ifc` or `.ifczip`,
-    or an A-graph as `.json`. Of many plans those that cannot be used are left out, each with one
-    line in the log; a single one raises. `merge_collinear=False`: see `scene_graph_of`.
+    `path` is a folder of plan JSON files or one of them (see `published_plans`), a `.tar.gz` of such files, an `.ifc`
+    or `.ifczip`, or an A-graph as `.json`. Of many plans those that cannot be used are left out, each with one line in
+    the log; a single one raises. `merge_collinear=False`: see `scene_graph_of`.
 
     Raises UserError where the path is none of these or where none of the plans can be used.
     """
@@ -129,8 +128,6 @@ def read_plans(path: Path | str, merge_collinear: bool = True) -> Iterator[Plan]
         raise UserError(f"{path}: no such file or folder; give {SETS}")
     if path.is_dir() or name.endswith((".tar.gz", ".tgz", ".tar")):
         yield from _usable(path, merge_collinear)
-    elif name.endswith(".csv"):
-        yield from read_msd(path, merge_collinear)
     elif name.endswith(IFC_SUFFIXES) or (name.endswith(".json") and "schema_version" in _object(path)):
         yield Plan(path.stem, path.stem, load_bim(path).graph)
     elif name.endswith(".json"):

@@ -1,22 +1,12 @@
-"""Floor plans of published sets: as JSON with polygons in metres, and Modified Swiss Dwellings' table of polygons.
-
-JSON: `rooms` with GeoJSON polygons, `elements` with walls, doors and windows likewise.
+"""Floor plans of published sets, as JSON: `rooms` with GeoJSON polygons in metres, `elements` with walls, doors and
+windows likewise.
 
 {"name": ..., "unit": "m", "rooms": [{"name" or "type": ..., "polygon": {"type": "Polygon", "coordinates": ...}}],
  "elements": {"wall": [{"polygon": ...}], "door": [...], "entrance_door": [...], "window": [...], ...}}
-
-MSD (van Engelenburg et al., "MSD: A Benchmark Dataset for Floor Plan Generation of Building Complexes", ECCV 2024) is
-CSV with WKT. Both published tables (`MSD 5.664k (V1).csv`, `mds_V2_5.372k.csv`) and the table that they were made from
-(Swiss Dwellings' `geometries.csv`) have the columns that are read here; others are ignored.
 """
 
-import csv
 import json
-import logging
-from collections import Counter, defaultdict
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,7 +17,7 @@ from data.common.errors import UserError, refusing
 from data.geometry.areas import Area, polygons_of, united
 from data.plans.flat_plan import HEIGHT, roomless_surfaces
 from data.plans.polygons import Drawing, DrawnRoom, Plan, scene_graph_of, with_pillars
-from data.scene_graph import Floor, WallSurface
+from data.scene_graph import WallSurface
 from data.walls.rooms import Level, width_of
 
 MIN_AREA = 1.0  # m2: below it, a shaft
@@ -38,11 +28,6 @@ DOORS = ("door", "entrance_door", "sliding_door")
 WALLS = ("wall", "railing", "column", "window")
 DUPLICATE = 0.1  # m2: rooms of duplicates differ less
 DUPLICATE_ROOMS = 4  # fewer rooms agree by chance
-GEOMETRY = ("geom", "geometry")
-BUILDING = ("site_id", "building_id", "plan_id", "floor_id")  # a site's buildings are often alike: they stay together
-NO_AREA = ("structure", "door", "entrance door", "window", "wall", "railing", "column")
-_log = logging.getLogger(__name__)
-LARGEST_FIELD = 10_000_000  # characters
 
 
 def is_room(kind: str, outside: bool = False) -> bool:
@@ -121,104 +106,3 @@ class Buildings:
                 return building
         same_count.append((areas, plan.building))
         return plan.building
-
-
-Row = dict[str, str]
-
-
-def read_msd(path: Path, merge_collinear: bool = True) -> Iterator[Plan]:
-    """The table's apartments in the order in which they first appear; the rows of a plan may lie anywhere in it.
-
-    An apartment on several floors has several floors in its graph; ids of floors are the table's. `merge_collinear`:
-    see `scene_graph_of`; without it shafts, small rooms and balconies are rooms, as in the published matcher's data.
-
-    Rows without a usable polygon and plans without rooms are left out and counted in the log. Raises UserError for a
-    file that is not such a table.
-    """
-    apartments, fixed = defaultdict[str, list[Row]](list), defaultdict[str, list[Row]](list)
-    skipped, without_rooms = Counter[str](), 0
-    for row in _rows(path, skipped):
-        if row["roomtype"].strip().lower() in NO_AREA:
-            fixed[row["floor_id"]].append(row)
-        elif row["apartment_id"] and row["floor_id"]:
-            apartments[_id(row["apartment_id"])].append(row)
-    for key, rows in apartments.items():
-        around = [row for floor in dict.fromkeys(r["floor_id"] for r in rows) for row in fixed[floor]]
-        graph = scene_graph_of(_apartment(rows, around, not merge_collinear, skipped), merge_collinear)
-        if not graph.wall_surfaces:
-            without_rooms += 1
-            continue
-        building = next((f"{c[:-3]} {_id(rows[0][c])}" for c in BUILDING if rows[0].get(c)), key)
-        yield Plan(f"apartment {key}", building, graph)
-    if without_rooms:
-        _log.warning(f"{path}: skipped {without_rooms} of {len(apartments)} plans: no room with walls")
-    for why, count in skipped.items():
-        _log.warning(f"{path}: skipped {count} rows: {why}")
-
-
-def _rows(path: Path, skipped: Counter[str]) -> Iterator[Row]:
-    csv.field_size_limit(LARGEST_FIELD)
-    with refusing(f"{path}: not a CSV table in UTF-8"), path.open(encoding="utf-8-sig", newline="") as file:
-        table = csv.DictReader(file)
-        header = table.fieldnames or ()
-        lacking = [c for c in ("floor_id", "apartment_id", "roomtype") if c not in header]
-        if lacking or not any(c in header for c in GEOMETRY):
-            raise UserError(f"{path}: not Modified Swiss Dwellings: no column {', '.join(lacking) or GEOMETRY[0]}")
-        for row in table:
-            if None in row or None in row.values():
-                skipped["not as many columns as the header has"] += 1
-            else:
-                yield row
-
-
-def _id(value: str) -> str:
-    """Ids without the `.0` that a table with gaps adds to integers."""
-    return value[:-2] if value.endswith(".0") else value
-
-
-def _apartment(rows: list[Row], fixed: list[Row], everything: bool, skipped: Counter[str]) -> Drawing:
-    rooms: list[DrawnRoom] = []
-    floors: dict[str, Floor] = {}
-    for k, row in enumerate(rows):
-        kind, floor = row["roomtype"].strip(), _id(row["floor_id"])
-        known = [row.get("entity_subtype", ""), kind]
-        if row.get("entity_type", "area") not in ("area", "") or not all(
-            is_room(word, outside=everything) for word in known
-        ):
-            continue
-        low, tall = _number(row.get("elevation")), _number(row.get("height"))
-        height = (low, low + tall) if low is not None and tall else None
-        for n, part in enumerate(_polygons(row, skipped)):
-            if everything or part.area >= MIN_AREA:
-                rooms.append(DrawnRoom(f"room{k}" + (f".{n}" if n else ""), part, kind, floor, height))
-                floors.setdefault(floor, Floor(floor, f"Floor {floor}", low))
-    doors, walls = [], []
-    around = shapely.MultiPolygon([r.area for r in rooms]).envelope.buffer(1.0)
-    for k, row in enumerate(fixed):
-        parts = [p for p in _polygons(row, skipped) if p.intersects(around)]
-        if "door" in row["roomtype"].lower():
-            doors += [(f"door{k}", part, _id(row["floor_id"])) for part in parts]
-        else:
-            walls += parts
-    return Drawing(rooms, doors, united(walls), tuple(floors.values()))
-
-
-def _polygons(row: Row, skipped: Counter[str]) -> list[Area]:
-    text = next(row[c] for c in GEOMETRY if c in row)
-    try:
-        shape = shapely.from_wkt(text)
-    except (shapely.errors.ShapelyError, TypeError):
-        skipped["the polygon is not WKT"] += 1
-        return []
-    area = polygons_of(shape) if shape is not None and np.isfinite(shape.bounds).all() else shapely.Polygon()
-    if area.is_empty:
-        skipped["no area, or numbers that are not finite"] += 1
-    return [p for p in shapely.get_parts(area) if p.area > 0]
-
-
-def _number(text: str | None) -> float | None:
-    try:
-        value = float(text or "nan")
-    except ValueError:
-        return None
-    return value if np.isfinite(value) else None
