@@ -16,8 +16,7 @@ import shapely.geometry
 from data.common.errors import UserError, refusing
 from data.geometry.areas import Area, polygons_of, united
 from data.plans.flat_plan import HEIGHT, roomless_surfaces
-from data.plans.polygons import Drawing, DrawnRoom, Plan, scene_graph_of, with_pillars
-from data.scene_graph import WallSurface
+from data.plans.polygons import DrawnRoom, Plan, scene_graph_of, with_pillars
 from data.walls.rooms import Level, width_of
 
 MIN_AREA = 1.0  # m2: below it, a shaft
@@ -46,23 +45,21 @@ def read_json_plan(text: str | bytes, where: str, merge_collinear: bool = True) 
     """
     with refusing(f"{where}: not a floor plan in JSON"):
         value = json.loads(text)
-        drawing = _drawing(value, where, everything=not merge_collinear)
+        rooms, doors, walls = _drawing(value, where, everything=not merge_collinear)
         name = str(value.get("name") or where)
-        graph = scene_graph_of(drawing, merge_collinear)
+        named = ((f"door{k}", door) for k, door in enumerate(doors))
+        graph = scene_graph_of(rooms, named, walls, merge_collinear=merge_collinear)
         if merge_collinear and graph.wall_surfaces:
-            graph = replace(graph, wall_surfaces=(*graph.wall_surfaces, *_roomless(drawing)))
+            outside = roomless_surfaces(walls, [*(r.area for r in rooms), *doors], Level(None, 0.0, HEIGHT))
+            more = (replace(s, id=f"surface{k}", source="", height=None) for k, s in enumerate(outside))
+            graph = replace(graph, wall_surfaces=(*graph.wall_surfaces, *more))
     if not graph.wall_surfaces:
         raise UserError(f"{where}: no room with walls; skip it, or draw its rooms as polygons")
     return Plan(name, str(value.get("building") or name), graph)
 
 
-def _roomless(drawing: Drawing) -> list[WallSurface]:
-    others = [*(r.area for r in drawing.rooms), *(area for _, area, _ in drawing.doors)]
-    outside = roomless_surfaces(drawing.walls, others, Level(None, 0.0, HEIGHT))
-    return [replace(s, id=f"surface{k}", source="", height=None) for k, s in enumerate(outside)]
-
-
-def _drawing(value: Any, where: str, everything: bool) -> Drawing:
+def _drawing(value: Any, where: str, everything: bool) -> tuple[list[DrawnRoom], list[Area], Area]:
+    """Rooms, doors, and the area of walls, railings and windows."""
     if value.get("unit", "m") != "m":
         raise UserError(f"{where}: the unit is '{value['unit']}'; give the plan in metres ('m')")
     elements = value.get("elements") or {}
@@ -78,8 +75,7 @@ def _drawing(value: Any, where: str, everything: bool) -> Drawing:
             if is_room(kind, outside=everything) and (everything or part.area >= MIN_AREA):
                 rooms.append(DrawnRoom(f"room{k}" + (f".{n}" if len(parts) > 1 else ""), part, kind))
     walls = united(_area(e) for kind in WALLS for e in elements.get(kind, ()))
-    rooms = rooms if everything else with_pillars(rooms, walls)
-    return Drawing(rooms, [(f"door{k}", door, None) for k, door in enumerate(doors)], walls)
+    return rooms if everything else with_pillars(rooms, walls), doors, walls
 
 
 def _area(item: dict[str, Any]) -> Area:
