@@ -9,8 +9,9 @@ import os
 import re
 import struct
 from collections.abc import Callable
+from itertools import accumulate
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO
 
 import lzf
 import numpy as np
@@ -104,53 +105,37 @@ def _read_ply(path: Path) -> tuple[Points, Times]:
 
 def _read_pcd(path: Path) -> tuple[Points, Times]:
     with open(path, "rb") as file:
-        header, points, encoding = _pcd_header(file)
-        fields = {field.name: field for field in reversed(header) if field.repeats == 1}
-        name = time_field([*reversed(fields)])
-        wanted = [fields[own] for own in (*XYZ, name) if own in fields]
-        if len(wanted) < 3 + (name is not None):
-            raise UnreadableScanError("it has no fields x, y, z")
+        rows = _pcd_rows(file)
+        names = rows.get("FIELDS") or rows.get("COLUMNS", [])  # before version 0.7
+        (encoding,) = _pcd_row(rows, "DATA", 1)
+        loose, width = encoding == "ascii", len(names)
+        sizes, types, counts = (_pcd_row(rows, name, width, loose) for name in ("SIZE", "TYPE", "COUNT"))
+        shape = ("POINTS",) if "POINTS" in rows else ("WIDTH", "HEIGHT")
+        points = math.prod(int(_pcd_row(rows, name, 1)[0]) for name in shape)
+        repeats = list(map(int, counts))
+        if sum(repeats) > LONGEST_RECORD:
+            raise UnreadableScanError(f"its header claims {sum(repeats)} values a point")
+        kinds = [np.dtype(f"<{kind.replace('d', 'f')}{size}") for kind, size in zip(types, sizes, strict=True)]
+        single = {name: k for k, name in reversed([*enumerate(names)]) if repeats[k] == 1}
+        time = time_field([*reversed(single)])
+        if not set(XYZ) <= set(single):
+            raise UnreadableScanError("its header has no line FIELDS with x, y, z")
+        wanted = [single[name] for name in (*XYZ, time) if name is not None]
         if not points:
             return np.empty((0, 3)), None
-        starts = [header[: header.index(field)] for field in wanted]
         if encoding == "ascii":
-            table = _pcd_ascii(file, points, [sum(field.repeats for field in before) for before in starts])
-            return table[:, :3], None if name is None else table[:, 3]
-        step, packed = _size_of(header), encoding != "binary"
+            table = _pcd_ascii(file, points, [sum(repeats[:k]) for k in wanted])
+            return table[:, :3], None if time is None else table[:, 3]
+        *starts, step = [0, *accumulate(kind.itemsize * n for kind, n in zip(kinds, repeats, strict=True))]
+        packed = encoding != "binary"
         data = _pcd_data(file, points * step, packed)
         # packed, it holds field after field, else point after point
         columns: list[NDArray[Any]] = [
-            np.ndarray((points,), field.kind, data, _size_of(before) * (points if packed else 1),
-                       (field.kind.itemsize if packed else step,))
-            for field, before in zip(wanted, starts, strict=True)
+            np.ndarray((points,), kinds[k], data, starts[k] * (points if packed else 1),
+                       (kinds[k].itemsize if packed else step,))
+            for k in wanted
         ]  # fmt: skip
-        return np.stack(columns[:3], axis=1), None if name is None else columns[3].copy()
-
-
-class _Field(NamedTuple):
-    name: str
-    kind: np.dtype[Any]
-    repeats: int
-
-
-def _size_of(fields: list[_Field]) -> int:
-    return sum(field.kind.itemsize * field.repeats for field in fields)
-
-
-def _pcd_header(file: BinaryIO) -> tuple[list[_Field], int, str]:
-    """The fields, the number of points and the encoding; the file is then at the first byte of data."""
-    rows = _pcd_rows(file)
-    names = rows.get("FIELDS") or rows.get("COLUMNS", [])  # before version 0.7
-    if not set(XYZ) <= set(names):
-        raise UnreadableScanError("its header has no line FIELDS with x, y, z")
-    (encoding,) = _pcd_row(rows, "DATA", 1)
-    sizes, types, counts = (_pcd_row(rows, name, len(names), encoding == "ascii") for name in ("SIZE", "TYPE", "COUNT"))
-    if sum(map(int, counts)) > LONGEST_RECORD:
-        raise UnreadableScanError(f"its header claims {sum(map(int, counts))} values a point")
-    kinds = [np.dtype(f"<{kind.replace('d', 'f')}{size}") for kind, size in zip(types, sizes, strict=True)]
-    fields = [_Field(name, kind, int(count)) for name, kind, count in zip(names, kinds, counts, strict=True)]
-    shape = ("POINTS",) if "POINTS" in rows else ("WIDTH", "HEIGHT")
-    return fields, math.prod(int(_pcd_row(rows, name, 1)[0]) for name in shape), encoding
+        return np.stack(columns[:3], axis=1), None if time is None else columns[3].copy()
 
 
 def _pcd_rows(file: BinaryIO) -> dict[str, list[str]]:
