@@ -114,7 +114,7 @@ ANCHOR, LIVE, VIEW = "sgslam.other_slam.anchor", "sgslam.live", "sgslam.cli.view
         (f"{ANCHOR} poses.tum --bim small.ifc", "give --scans"),
         (f"{ANCHOR} none --bim small.ifc", "none: no such file or folder"),
         (f"{ANCHOR} poses.tum --scans clouds", "--bim is missing"),
-        (f"{ANCHOR} nothing --bim small.ifc", "neither KISS-SLAM's"),
+        (f"{ANCHOR} nothing --bim small.ifc", "not KISS-SLAM's folder"),
         (f"{ANCHOR} poses.kitti --scans clouds --bim small.ifc", "poses for the"),
         (f"{ANCHOR} graph.g2o --bim plan.json", "give --scans"),
         (f"{LIVE} scans --topic /points", "--topic /points: a folder has no topics"),
