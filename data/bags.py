@@ -80,13 +80,17 @@ class Bag:
         """The topics with their numbers of messages, for a user."""
         return ", ".join(f"{name} ({count})" for name, count in sorted(self.counts.items()))
 
-    def named(self, topic: str, option: str, what: str) -> str:
-        """The topic of this name, with or without its leading slash. Raises UserError, naming the `option` that gave it
-        and `what` the bag lacks."""
-        found = next((name for name in self.counts if name.strip("/") == topic.strip("/")), None)
-        if found is None:
-            raise UserError(f"{option} {topic}: no such {what} in {self.path}; there are: {self.listed}")
-        return found
+    def topic(self, wanted: str | None, among: Collection[str], option: str, what: str) -> str:
+        """The topic that the user's `option` names, with or without its leading slash, else the only one of these.
+
+        Raises UserError, which names `what` the bag lacks or has several of.
+        """
+        found = [n for n in self.counts if n.strip("/") == wanted.strip("/")] if wanted is not None else list(among)
+        if len(found) == 1:
+            return found[0]
+        if wanted is None:
+            raise UserError(f"{self.path}: several topics with {what}: {self.listed}; choose one with {option} NAME")
+        raise UserError(f"{option} {wanted}: no such topic with {what} in {self.path}; there are: {self.listed}")
 
     @property
     def damage(self) -> str:

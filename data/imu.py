@@ -50,11 +50,11 @@ class ImuSamples:
         bad = np.flatnonzero(np.diff(self.stamps_ns) <= 0)
         if bad.size:
             at = ns_to_seconds(int(self.stamps_ns[bad[0] + 1]))
-            raise ValueError(f"the stamp at {at} s repeats or goes backwards; sort the samples by time")
+            raise ValueError(f"IMU: the stamp at {at} s repeats or goes backwards; sort the samples by time")
         bad = np.flatnonzero(~np.isfinite(np.column_stack([self.gyro, self.accel])).all(axis=1))
         if bad.size:
             at = ns_to_seconds(int(self.stamps_ns[bad[0]]))
-            raise ValueError(f"a value at {at} s is not finite; leave it out")
+            raise ValueError(f"IMU: a value at {at} s is not finite; leave it out")
 
     def __len__(self) -> int:
         """The number of samples."""
@@ -72,7 +72,7 @@ def checked_imu(stamps_ns: ArrayLike, gyro: ArrayLike, accel: ArrayLike, where: 
     try:
         samples = ImuSamples(stamps, rates, np.asarray(accel, np.float64))
     except ValueError as error:
-        raise UserError(f"{where}: {error}") from None
+        raise UserError(f"{where}: {str(error).removeprefix('IMU: ')}") from None
     fastest = float(np.abs(rates).max(initial=0.0))
     if fastest > _FASTEST:
         raise UserError(f"{where}: the gyroscope shows up to {fastest:.3g}; give rad/s, not degrees per second")
@@ -127,7 +127,9 @@ def _read_bag(path: Path | str, topic: str | None) -> ImuSamples:
     where there are none, where several topics could be meant, and as `checked_imu` does.
     """
     bag = Bag(path, (_IMU,))
-    chosen = _chosen(bag, topic)
+    if not bag.counts:
+        raise UserError(f"{path}: contains no IMU samples (sensor_msgs/Imu){bag.damage}")
+    chosen = bag.topic(topic, bag.counts, "--imu-topic", "IMU samples")
     rows = np.array(list(_rows(bag, chosen)), dtype=[("stamp", np.int64), ("values", np.float64, 6)])
     stamps, first = np.unique(rows["stamp"], return_index=True)
     if left_out := bag.counts[chosen] - len(stamps):
@@ -136,16 +138,6 @@ def _read_bag(path: Path | str, topic: str | None) -> ImuSamples:
         raise UserError(f"{path}: none of the samples of {chosen} can be read")
     values = rows["values"][first]
     return checked_imu(stamps, values[:, :3], values[:, 3:], f"{path}, {chosen}")
-
-
-def _chosen(bag: Bag, wanted: str | None) -> str:
-    if not bag.counts:
-        raise UserError(f"{bag.path}: contains no IMU samples (sensor_msgs/Imu){bag.damage}")
-    if wanted is not None:
-        return bag.named(wanted, "--imu-topic", "IMU")
-    if len(bag.counts) > 1:
-        raise UserError(f"{bag.path}: several IMUs: {bag.listed}; choose one with --imu-topic NAME")
-    return next(iter(bag.counts))
 
 
 def _rows(bag: Bag, topic: str) -> Iterator[tuple[int, tuple[float, ...]]]:

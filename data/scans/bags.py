@@ -119,25 +119,19 @@ class BagScans(ScanSource):
         if not counts:
             give = "repair it ('rosbag reindex', 'mcap recover')" if self._bag.damage else "give a bag with scans"
             raise UserError(f"{self.path}: no scans (PointCloud2 or Livox CustomMsg){self._bag.damage}; {give}")
-        self.topic = self._choose(topic)
+        lidars = list(counts)
+        if len(counts) > 1 and topic is None:
+            firsts = {name: next(self._bag.messages(name), None) for name in counts}
+            lidars = [name for name, first in firsts.items() if first is not None and is_lidar(first)]
+            if len(lidars) == 1:
+                others = f"others with points: {self._bag.listed}"
+                self.note = f"scans are read from {lidars[0]}, which has a LiDAR's fields; {others}"
+        self.topic = self._bag.topic(topic, lidars, "--topic", "scans")
         self._count = counts[self.topic]
 
     def __len__(self) -> int:
         """How many messages the topic has."""
         return self._count
-
-    def _choose(self, wanted: str | None) -> str:
-        bag = self._bag
-        if wanted is not None:
-            return bag.named(wanted, "--topic", "topic with scans")
-        lidars = list(bag.counts)
-        if len(lidars) > 1:
-            lidars = [name for name in lidars if (first := next(bag.messages(name), None)) and is_lidar(first)]
-        if len(lidars) != 1:
-            raise UserError(f"{self.path}: several topics hold points: {bag.listed}; choose one with --topic NAME")
-        if len(bag.counts) > 1:
-            self.note = f"scans are read from {lidars[0]}, which has a LiDAR's fields; others with points: {bag.listed}"
-        return lidars[0]
 
     def __iter__(self) -> Iterator[Scan]:
         self._records, self._read_so_far, self._unset_logged = self._bag.messages(self.topic), 0, False

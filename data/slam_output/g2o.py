@@ -14,7 +14,7 @@ from data.common.files import parsed_lines
 from data.geometry.poses import xyzquat_to_poses
 from data.scene_graph.graph import SceneGraph
 from data.scene_graph.nodes import Room, WallSurface, xy_of
-from data.trajectory.readers import PoseList
+from data.trajectory.trajectory import PoseList
 
 _CROSSING = 0.5  # sine of the angle at which one wall of a room bounds another
 _POSE, _PLANE, _ROOM = "VERTEX_SE3:QUAT", "VERTEX_PLANE", "VERTEX_ROOM"

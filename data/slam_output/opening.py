@@ -20,8 +20,8 @@ from data.slam_output.g2o import read_graph_poses
 from data.slam_output.map_scans import MapScans
 from data.slam_output.posed_scans import PosedScans, walking_stamps
 from data.trajectory import Trajectory
-from data.trajectory.readers import PoseList, read_kitti, read_poses
 from data.trajectory.stamps import seconds_to_ns
+from data.trajectory.trajectory import PoseList, read_kitti, read_poses
 
 _MAPS = Path("local_maps") / "plys"  # in the frame of the poses
 Floats = NDArray[np.float64]

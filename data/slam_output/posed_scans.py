@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from data.common.errors import UserError
 from data.scans.scan import Scan, ScanSource
 from data.trajectory import Trajectory
-from data.trajectory.readers import PoseList
 from data.trajectory.stamps import NOTE_INDICES, NS, SCAN_PERIOD_NS, ns_to_seconds
+from data.trajectory.trajectory import PoseList
 
 Floats = NDArray[np.float64]
 _GAP_NS = NS  # longest gap between two poses that is interpolated

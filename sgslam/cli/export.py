@@ -51,7 +51,7 @@ def export(out: Path, formats: list[str], bim: Path | None = None, voxel: float 
 
 def _kitti(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
     from data.trajectory import Trajectory
-    from data.trajectory.readers import write_kitti
+    from data.trajectory.trajectory import write_kitti
 
     trajectory = Trajectory.read_tum(run.path / "trajectory.tum")
     poses, times = run.path / "trajectory.kitti", run.path / "trajectory_times.txt"
@@ -61,7 +61,7 @@ def _kitti(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
 
 def _euroc(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
     from data.trajectory import Trajectory
-    from data.trajectory.readers import write_euroc
+    from data.trajectory.trajectory import write_euroc
 
     trajectory, file = Trajectory.read_tum(run.path / "trajectory.tum"), run.path / "trajectory_euroc.csv"
     write_euroc(trajectory, file)

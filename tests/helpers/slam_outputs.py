@@ -11,7 +11,7 @@ from drives import small_drive
 from data.geometry.poses import poses_to_xyzquat
 from data.scans.writers import write_ply
 from data.trajectory import Trajectory
-from data.trajectory.readers import write_euroc, write_kitti
+from data.trajectory.trajectory import write_euroc, write_kitti
 
 EVERY = 5  # of the drive's scans, those that are keyframes: a second apart
 _VOXEL = 0.05  # m, of maps

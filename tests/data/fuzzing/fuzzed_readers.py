@@ -27,8 +27,8 @@ from data.scans.sources import open_scans
 from data.scene_graph import SceneGraph
 from data.slam_output.g2o import read_g2o
 from data.streams import McapPipe
-from data.trajectory.readers import read_poses
 from data.trajectory.stamps import read_times
+from data.trajectory.trajectory import read_poses
 from matching.judge import Judge
 from sgslam.config import Config
 from sgslam.config.loading import load_config, save_config

@@ -11,7 +11,7 @@ from data.scans import ScanFolder
 from data.scans.writers import SCAN_WRITERS
 from data.slam_output.g2o import read_graph_poses
 from data.slam_output.posed_scans import PosedScans, walking_stamps
-from data.trajectory.readers import PoseList
+from data.trajectory.trajectory import PoseList
 
 NS = 10**9
 WAY = np.stack([pose(0.5 * k, 0.1 * k**2, 0.8, 0.3 * k) for k in range(8)])

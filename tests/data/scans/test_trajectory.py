@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from data.common.errors import UserError
 from data.trajectory import Trajectory
-from data.trajectory.readers import read_poses, write_euroc, write_kitti
-from data.trajectory.trajectory import moved_with
+from data.trajectory.trajectory import moved_with, read_poses, write_euroc, write_kitti
 
 STAMPS = 1_700_000_000_000_000_001 + np.cumsum(np.random.default_rng(1).integers(1, 10**9, 50))
 
