@@ -22,8 +22,6 @@ def user_cache() -> Path:
     """The folder `sgslam` in the user's cache directory. Raises RuntimeError for a user without a home."""
     if sys.platform == "darwin":
         return Path.home() / "Library" / "Caches" / "sgslam"
-    if sys.platform == "win32":
-        return Path(os.environ["LOCALAPPDATA"]) / "sgslam"
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "sgslam"
 
 

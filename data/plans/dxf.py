@@ -151,12 +151,9 @@ def is_wall_layer(name: str) -> bool:
     words = [w for w in re.split(r"[^\w]|_|\d", name.casefold().rpartition("$")[2]) if w]
     if any(word.startswith(no) for word in words for no in NOT_WALLS):
         return False
-    return any(word == known or (known in word and not _short(known)) for word in words for known in WALLS)
-
-
-def _short(word: str) -> bool:
-    """Whether other words may contain this one by chance."""
-    return word.isascii() and len(word) < 4
+    # other words may contain a short one by chance
+    inside = [known for known in WALLS if len(known) >= 4 or not known.isascii()]
+    return any(word in WALLS or any(known in word for known in inside) for word in words)
 
 
 def _scale(drawing: Any, segments: Array, filled: list[list[Array]], path: Path) -> tuple[float, list[str]]:

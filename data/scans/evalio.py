@@ -33,7 +33,8 @@ class EvalioScans(ScanSource):
         super().__init__()
         self._sequence = _found(str(name).removeprefix(PREFIX))
         self._limits = self._sequence.lidar_params()
-        self.path = _place(self._sequence)
+        folder = Path(self._sequence.folder)  # the data may lie elsewhere
+        self.path = folder if folder.exists() else next(map(Path, self._sequence.files()), folder)
         with refusing(f"{name}: its data in {self.path} cannot be read"):
             self._count = len(self._sequence.data_iter())
 
@@ -85,11 +86,3 @@ def _found(name: str) -> Any:
         folder = datasets.get_data_dir()
         raise UserError(f"{PREFIX}{name}: no data in {folder}; 'evalio dl {name}', or set EVALIO_DATA to their folder")
     return sequence
-
-
-def _place(sequence: Any) -> Path:
-    """The folder of the data, or, if they lie elsewhere, their first file."""
-    folder = Path(sequence.folder)
-    if folder.exists():
-        return folder
-    return next((Path(file) for file in sequence.files()), folder)

@@ -74,10 +74,8 @@ class Trajectory:
 
     def between(self, other: "Trajectory") -> "Trajectory":
         """Returns the poses from the first to the last stamp of `other`; empty if `other` is."""
-        if not len(other):
-            return Trajectory(self.stamps_ns[:0], self.poses[:0])
-        kept = (self.stamps_ns >= other.stamps_ns[0]) & (self.stamps_ns <= other.stamps_ns[-1])
-        return Trajectory(self.stamps_ns[kept], self.poses[kept])
+        first, last = (other.stamps_ns[0], other.stamps_ns[-1]) if len(other) else (0, -1)
+        return self.only((self.stamps_ns >= first) & (self.stamps_ns <= last))
 
     def at(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.float64]:
         """Returns (M, 4, 4) the poses at other stamps (M,) int64, by linear interpolation of position and rotation.
