@@ -147,7 +147,7 @@ class GrowingFolder(ScanStream):
     def _arrivals(self) -> Iterator[Arrival]:
         while not self.stop.wait(_WAIT):
             new = set(os.listdir(self.path)) - self._known
-            files = sorted(filter(is_scan, (self.path / name for name in new)), key=_order)
+            files = sorted(filter(is_scan, (self.path / name for name in new)), key=lambda file: natural_key(file.name))
             for file in files:
                 is_left = file is not files[-1]
                 stamp_ns = self._stamps.stamp_ns(self._index, file) if _is_complete(file, is_left) else None
@@ -162,7 +162,7 @@ class GrowingFolder(ScanStream):
         if last is not None and file.suffix.lower() != last.suffix.lower():
             self._skip(index, file, f"it is not a {last.suffix} file, unlike those before")
             return
-        if last is not None and _order(file) < _order(last):
+        if last is not None and natural_key(file.name) < natural_key(last.name):
             self._skip(index, file, f"it came after {last.name}")
             return
         self._last = file
@@ -181,10 +181,6 @@ def _is_complete(file: Path, is_left: bool) -> bool:
     except FileNotFoundError:  # gone; reading it will say so
         return True
     return about.st_size > 0 and time.time() - about.st_mtime > (_LEFT if is_left else _SETTLED)
-
-
-def _order(file: Path) -> tuple[tuple[int, int, str], ...]:
-    return natural_key(file.name)
 
 
 class GrowingStamps:
