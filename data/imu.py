@@ -6,7 +6,7 @@ EuRoC: `timestamp [ns], w_x, w_y, w_z [rad/s], a_x, a_y, a_z [m/s2]` a line, as 
 
 import logging
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from data.bags import Bag, decoded, is_bag
 from data.common.errors import UserError
-from data.common.files import numbered_lines, write_atomically
+from data.common.files import parsed_lines, write_atomically
 from data.trajectory.stamps import NS, ns_to_seconds
 
 Floats = NDArray[np.float64]
@@ -47,10 +47,14 @@ class ImuSamples:
         shape = (len(self.stamps_ns), 3)
         if self.stamps_ns.dtype != np.int64 or self.gyro.shape != shape or self.accel.shape != shape:
             raise ValueError(f"IMU: {shape[0]} stamps with gyro {self.gyro.shape} and accel {self.accel.shape}")
-        if np.any(np.diff(self.stamps_ns) <= 0):
-            raise ValueError("IMU: the stamps do not increase strictly")
-        if not (np.isfinite(self.gyro).all() and np.isfinite(self.accel).all()):
-            raise ValueError("IMU: a value is not finite")
+        bad = np.flatnonzero(np.diff(self.stamps_ns) <= 0)
+        if bad.size:
+            at = ns_to_seconds(int(self.stamps_ns[bad[0] + 1]))
+            raise ValueError(f"IMU: the stamp at {at} s repeats or goes backwards; sort the samples by time")
+        bad = np.flatnonzero(~np.isfinite(np.column_stack([self.gyro, self.accel])).all(axis=1))
+        if bad.size:
+            at = ns_to_seconds(int(self.stamps_ns[bad[0]]))
+            raise ValueError(f"IMU: a value at {at} s is not finite; leave it out")
 
     def __len__(self) -> int:
         """The number of samples."""
@@ -64,19 +68,15 @@ def checked_imu(stamps_ns: ArrayLike, gyro: ArrayLike, accel: ArrayLike, where: 
     from, for stamps that do not increase, values that are not finite, rates that no chip measures, and forces that are
     far from gravity.
     """
-    stamps, forces = np.asarray(stamps_ns, np.int64), np.asarray(accel, np.float64)
-    bad = np.flatnonzero(np.diff(stamps) <= 0)
-    if bad.size:
-        at = ns_to_seconds(int(stamps[bad[0] + 1]))
-        raise UserError(f"{where}: the stamp at {at} s repeats or goes backwards; sort the samples by time")
-    rates = np.asarray(gyro, np.float64)
-    bad = np.flatnonzero(~(np.isfinite(rates).all(axis=1) & np.isfinite(forces).all(axis=1)))
-    if bad.size:
-        raise UserError(f"{where}: a value at {ns_to_seconds(int(stamps[bad[0]]))} s is not finite; leave it out")
+    stamps, rates = np.asarray(stamps_ns, np.int64), np.asarray(gyro, np.float64)
+    try:
+        samples = ImuSamples(stamps, rates, np.asarray(accel, np.float64))
+    except ValueError as error:
+        raise UserError(f"{where}: {str(error).removeprefix('IMU: ')}") from None
     fastest = float(np.abs(rates).max(initial=0.0))
     if fastest > _FASTEST:
         raise UserError(f"{where}: the gyroscope shows up to {fastest:.3g}; give rad/s, not degrees per second")
-    unit, usual = unit_of_forces(forces), float(np.median(np.linalg.norm(forces, axis=1)))
+    unit, usual = unit_of_forces(samples.accel), float(np.median(np.linalg.norm(samples.accel, axis=1)))
     if unit is None:
         raise UserError(
             f"{where}: the accelerometer shows {usual:.3g} in the median, neither 9.8 m/s2 nor 1 g; give the specific "
@@ -84,7 +84,7 @@ def checked_imu(stamps_ns: ArrayLike, gyro: ArrayLike, accel: ArrayLike, where: 
         )
     if unit != 1.0:
         _log.info("%s: specific forces of %.2f in the median are taken to be in g", where, usual)
-    return ImuSamples(stamps, rates, forces * unit)
+    return replace(samples, accel=samples.accel * unit)
 
 
 def unit_of_forces(forces: Floats) -> float | None:
@@ -107,23 +107,17 @@ def read_imu(path: Path | str, topic: str | None = None) -> ImuSamples:
         return _read_bag(path, topic)
     if topic is not None:
         raise UserError(f"--imu-topic {topic}: {path} is not a bag and has no topics")
-    stamps, rows = list[int](), list[list[float]]()
-    for number, text in numbered_lines(path, f"a bag, or lines of {_FORM}"):
-        fields = text.split(",")
-        if fields[0].strip() == "timestamp":
-            continue
-        try:
-            stamp, values = int(fields[0]), [float(field) for field in fields[1:]]
-            if len(values) != 6 or not -(2**63) <= stamp < 2**63:
-                raise ValueError
-        except ValueError:
-            raise UserError(f"{path}, line {number}: not in the form {_FORM}, whole nanoseconds first") from None
-        stamps.append(stamp)
-        rows.append(values)
-    if not rows:
-        raise UserError(f"{path}: no samples in it; give lines of {_FORM}")
-    values_of = np.array(rows)
-    return checked_imu(np.array(stamps, np.int64), values_of[:, :3], values_of[:, 3:], str(path))
+    rows = parsed_lines(path, f"a bag, or lines of {_FORM}", _row)
+    values_of = np.array([values for _, values in rows])
+    return checked_imu(np.array([stamp for stamp, _ in rows]), values_of[:, :3], values_of[:, 3:], str(path))
+
+
+def _row(text: str) -> tuple[np.int64, NDArray[np.float64]]:
+    stamp, *values = text.split(",")
+    try:
+        return np.int64(int(stamp)), np.array(values, np.float64).reshape(6)
+    except (ValueError, OverflowError):
+        raise ValueError("not in that form, whole nanoseconds first") from None
 
 
 def _read_bag(path: Path | str, topic: str | None) -> ImuSamples:
@@ -133,7 +127,9 @@ def _read_bag(path: Path | str, topic: str | None) -> ImuSamples:
     where there are none, where several topics could be meant, and as `checked_imu` does.
     """
     bag = Bag(path, (_IMU,))
-    chosen = _chosen(bag, topic)
+    if not bag.counts:
+        raise UserError(f"{path}: contains no IMU samples (sensor_msgs/Imu){bag.damage}")
+    chosen = bag.topic(topic, bag.counts, "--imu-topic", "IMU samples")
     rows = np.array(list(_rows(bag, chosen)), dtype=[("stamp", np.int64), ("values", np.float64, 6)])
     stamps, first = np.unique(rows["stamp"], return_index=True)
     if left_out := bag.counts[chosen] - len(stamps):
@@ -142,16 +138,6 @@ def _read_bag(path: Path | str, topic: str | None) -> ImuSamples:
         raise UserError(f"{path}: none of the samples of {chosen} can be read")
     values = rows["values"][first]
     return checked_imu(stamps, values[:, :3], values[:, 3:], f"{path}, {chosen}")
-
-
-def _chosen(bag: Bag, wanted: str | None) -> str:
-    if not bag.counts:
-        raise UserError(f"{bag.path}: contains no IMU samples (sensor_msgs/Imu){bag.damage}")
-    if wanted is not None:
-        return bag.named(wanted, "--imu-topic", "IMU")
-    if len(bag.counts) > 1:
-        raise UserError(f"{bag.path}: several IMUs: {bag.listed}; choose one with --imu-topic NAME")
-    return next(iter(bag.counts))
 
 
 def _rows(bag: Bag, topic: str) -> Iterator[tuple[int, tuple[float, ...]]]:

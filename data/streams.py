@@ -4,8 +4,10 @@ import os
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator
+from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
 
@@ -15,9 +17,9 @@ from data.common.files import natural_key
 from data.scans import Scan
 from data.scans.bags import CLOUDS, is_lidar, read_cloud
 from data.scans.formats import is_scan, read_timed
-from data.scans.point_times import GAP_NS, Stamped, StampRule, TurnTimes
+from data.scans.point_times import Stamped, StampRule, TurnTimes
 from data.scans.scan import SkippedScan, finished
-from data.trajectory.stamps import NOTE_INDICES, SCAN_PERIOD_NS, ns_to_seconds, seconds_to_ns, stamp_of
+from data.trajectory.stamps import NOTE_INDICES, SCAN_PERIOD_NS, ns_to_seconds, seconds_to_ns, stamp_of, times_of
 
 _SETTLED = 1.0  # s after its last change from which a file is complete,
 _LEFT = 0.1  # and so soon where a later one is there: its writer has gone on
@@ -56,38 +58,27 @@ class ScanStream(ABC):
 
         After a pause of more than ten seconds, a scan waits for the next one: if its stamp was wrong, only it is lost.
         """
-        rule, turns = StampRule(), TurnTimes()
-        for arrival, following_ns in _with_next_after_pause(self._arrivals()):
-            scan, stamp_ns = arrival.scan, arrival.scan.stamp_ns
-            if reason := rule.judge(scan.index, stamp_ns, following_ns.copy):
+        rule, turns, arrivals, ahead = StampRule(), TurnTimes(), self._arrivals(), deque[Arrival]()
+
+        def known() -> list[int]:
+            return [arrival.scan.stamp_ns for arrival in ahead]
+
+        def awaited() -> list[int]:
+            ahead.extend(islice(arrivals, 0 if ahead else 1))
+            return known()
+
+        while arrival := ahead.popleft() if ahead else next(arrivals, None):
+            scan, is_first = arrival.scan, rule.last_ns is None
+            if reason := rule.judge(scan.index, scan.stamp_ns, known if is_first else awaited):
                 self._skip(scan.index, scan.path, reason)
             else:
-                times = turns.in_seconds(stamp_ns, scan.point_times, following_ns.copy)
+                times = turns.in_seconds(scan.stamp_ns, scan.point_times, known)
                 yield replace(arrival, scan=replace(scan, point_times=times))
         self.remarks.extend(remark for remark in (rule.remark(), turns.remark) if remark)
 
     def _skip(self, index: int, path: Path, reason: str) -> None:
         name = path.name if path != self.path else f"scan {index}"
         self.skipped.append(SkippedScan(index, path, reason, name))
-
-
-def _with_next_after_pause(arrivals: Iterable[Arrival]) -> Iterator[tuple[Arrival, list[int]]]:
-    """Each arrival and, where it comes after a pause, the stamp of the next one."""
-    last_ns: int | None = None
-    held: Arrival | None = None
-    for arrival in arrivals:
-        stamp_ns = arrival.scan.stamp_ns
-        if held is not None:
-            yield held, [stamp_ns]
-            last_ns = min(held.scan.stamp_ns, stamp_ns)
-            held = None
-        if last_ns is not None and stamp_ns - last_ns > GAP_NS:
-            held = arrival
-            continue
-        last_ns = stamp_ns
-        yield arrival, []
-    if held is not None:
-        yield held, []
 
 
 class McapPipe(ScanStream):
@@ -156,7 +147,7 @@ class GrowingFolder(ScanStream):
     def _arrivals(self) -> Iterator[Arrival]:
         while not self.stop.wait(_WAIT):
             new = set(os.listdir(self.path)) - self._known
-            files = sorted(filter(is_scan, (self.path / name for name in new)), key=_order)
+            files = sorted(filter(is_scan, (self.path / name for name in new)), key=lambda file: natural_key(file.name))
             for file in files:
                 is_left = file is not files[-1]
                 stamp_ns = self._stamps.stamp_ns(self._index, file) if _is_complete(file, is_left) else None
@@ -171,7 +162,7 @@ class GrowingFolder(ScanStream):
         if last is not None and file.suffix.lower() != last.suffix.lower():
             self._skip(index, file, f"it is not a {last.suffix} file, unlike those before")
             return
-        if last is not None and _order(file) < _order(last):
+        if last is not None and natural_key(file.name) < natural_key(last.name):
             self._skip(index, file, f"it came after {last.name}")
             return
         self._last = file
@@ -190,10 +181,6 @@ def _is_complete(file: Path, is_left: bool) -> bool:
     except FileNotFoundError:  # gone; reading it will say so
         return True
     return about.st_size > 0 and time.time() - about.st_mtime > (_LEFT if is_left else _SETTLED)
-
-
-def _order(file: Path) -> tuple[tuple[int, int, str], ...]:
-    return natural_key(file.name)
 
 
 class GrowingStamps:
@@ -217,8 +204,7 @@ class GrowingStamps:
         """The stamp of a scan; None while its line in times.txt is not complete. Raises UserError where it is wrong or
         missing."""
         if self._in_names is None:
-            beside = (self._folder / "times.txt", self._folder.resolve().parent / "times.txt")
-            self._times = next((times for times in beside if times.is_file()), None)
+            self._times = times_of(self._folder)
             self._in_names = self._times is None and stamp_of(file) is not None
         if self._times is not None:
             if index >= len(self._stamps):

@@ -25,9 +25,6 @@ def called_as(name: str) -> Iterator[None]:
         _called.reset(before)
 
 
-_NEGATIVE = re.compile(r"-[\d.]+,")
-
-
 class Parser(argparse.ArgumentParser):
     """An argument parser whose errors are one line. `prog` is the command's own name; see `called_as`."""
 
@@ -35,14 +32,7 @@ class Parser(argparse.ArgumentParser):
         called = _called.get()
         is_part = called is not None and prog is not None and prog.startswith(f"{called} ")  # of a parser so called
         super().__init__(prog if is_part else called or prog, **options)
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """See `argparse`; a value like -25,0,0 belongs to the option before it."""
-        given = list(sys.argv[1:] if args is None else args)
-        for k in range(len(given) - 1, 0, -1):
-            if _NEGATIVE.match(given[k]) and given[k - 1].startswith("--") and "=" not in given[k - 1]:
-                given[k - 1 : k + 1] = [f"{given[k - 1]}={given[k]}"]
-        return super().parse_known_args(given, namespace)
+        self._negative_number_matcher = re.compile(r"-[\d.]")  # -25,0,0 is a value as well
 
     def error(self, message: str) -> NoReturn:
         """Raises UserError, in one line without the usage."""

@@ -75,22 +75,11 @@ def folder(version: str) -> Path:
 FOLDER = folder(version(Path(__file__).resolve().parents[2]))
 
 
-def compiled(function: _F) -> _F:
+def compiled(function: _F, inline: str = "never") -> _F:
     """Compiles `function` with numba at the first call with given argument types; the result is cached on disk.
 
     Arithmetic follows IEEE (no fastmath; x / 0 is infinite), so results are reproducible.
     """
-    return _compiled(function, inline="never")
-
-
-def compiled_within(function: _F) -> _F:
-    """As `compiled`, but inlined into the compiled function that calls it: for long functions with one caller, which
-    would otherwise be compiled twice.
-    """
-    return _compiled(function, inline="always")
-
-
-def _compiled(function: _F, inline: str) -> _F:
     options = {"nogil": True, "error_model": "numpy", "inline": inline, "no_cfunc_wrapper": True}
     others, config.CACHE_DIR = config.CACHE_DIR, str(FOLDER)  # for ours alone, not for an application's own functions
     try:
@@ -98,6 +87,13 @@ def _compiled(function: _F, inline: str) -> _F:
     finally:
         config.CACHE_DIR = others
     return fast
+
+
+def compiled_within(function: _F) -> _F:
+    """As `compiled`, but inlined into the compiled function that calls it: for long functions with one caller, which
+    would otherwise be compiled twice.
+    """
+    return compiled(function, inline="always")
 
 
 class Compilation:

@@ -8,20 +8,20 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TypeVar
 
 from data.common.errors import UserError
+
+T = TypeVar("T")
 
 
 def user_cache() -> Path:
     """The folder `sgslam` in the user's cache directory. Raises RuntimeError for a user without a home."""
     if sys.platform == "darwin":
         return Path.home() / "Library" / "Caches" / "sgslam"
-    if sys.platform == "win32":
-        return Path(os.environ["LOCALAPPDATA"]) / "sgslam"
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "sgslam"
 
 
@@ -79,11 +79,22 @@ def text_lines(path: Path, wanted: str) -> list[str]:
         raise UserError(f"{path}: not text; give {wanted}") from None
 
 
-def numbered_lines(path: Path | str, wanted: str) -> list[tuple[int, str]]:
-    """Number and text of each line, without `#` comments and blank lines. Raises UserError as `text_lines` does."""
-    lines = enumerate(text_lines(Path(path), wanted), 1)
-    kept = ((number, line.partition("#")[0].strip()) for number, line in lines)
-    return [(number, text) for number, text in kept if text]
+def parsed_lines(path: Path | str, wanted: str, parse: Callable[[str], T]) -> list[T]:
+    """What `parse` makes of each line, without `#` comments and blank lines, of which there is at least one.
+
+    Raises UserError as `text_lines` does, where there is none, and with the line's number where `parse` raises
+    ValueError.
+    """
+    found = []
+    for number, line in enumerate(text_lines(Path(path), wanted), 1):
+        if text := line.partition("#")[0].strip():
+            try:
+                found.append(parse(text))
+            except ValueError as error:
+                raise UserError(f"{path}, line {number}: {error}; give {wanted}") from None
+    if not found:
+        raise UserError(f"{path}: nothing in it; give {wanted}")
+    return found
 
 
 def read_json(path: Path | str, wanted: str) -> Any:

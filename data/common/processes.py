@@ -1,19 +1,19 @@
 """Processes: how many to use, their environment, and children that end with their parent; tasks shared out to processes
 of this machine, or to the workers of a Dask cluster."""
 
-import concurrent.futures
 import logging
 import multiprocessing
 import os
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
-from multiprocessing.connection import Connection
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from data.common.build import build
-from data.common.errors import UserError
+from data.common.errors import UserError, refusing, required
 
 PATIENCE_S = 5.0  # with a scheduler that does not answer, or has no worker
 RETRIES = 2  # of a task that raises; how often its worker may die is Dask's `allowed-failures`
@@ -40,32 +40,11 @@ def run_isolated(function: Callable[..., R], *arguments: Any, what: str) -> R:
 
     Raises what the function raises, and ProcessEndedError, whose text names `what`.
     """
-    context = multiprocessing.get_context("spawn")
-    receiver, sender = context.Pipe(duplex=False)
-    process = context.Process(target=_answer, args=(sender, function, arguments), daemon=True)
-    process.start()
-    sender.close()
-    try:
-        answer: R | BaseException = receiver.recv()
-    except EOFError:
-        process.join()
-        ended = f"{what}: the run's process ended with exit code {process.exitcode}; is there too little memory?"
-        raise ProcessEndedError(ended) from None
-    process.join()
-    if isinstance(answer, BaseException):
-        raise answer
-    return answer
-
-
-def _answer(sender: Connection, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
-    end_with_parent()
-    answer: Any
-    try:
-        answer = function(*arguments)
-    except Exception as error:
-        answer = error
-    with suppress(BrokenPipeError):  # the parent has been killed
-        sender.send(answer)
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), end_with_parent) as pool:
+        try:
+            return pool.submit(function, *arguments).result()
+        except BrokenProcessPool:
+            raise ProcessEndedError(f"{what}: the run's process was ended; is there too little memory?") from None
 
 
 def end_with_parent() -> None:
@@ -95,24 +74,21 @@ def connected(scheduler: str) -> Iterator[Any]:
     workers, and if one of them has another build of sgslam."""
     import asyncio
 
-    try:
-        from distributed import Client, Security, rpc
-    except ImportError:
-        raise UserError("--scheduler needs dask.distributed; pip install 'sgslam[cluster]'") from None
+    distributed = required("distributed", "--scheduler", "cluster")
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # errors are reported here, in one line
 
     async def kind() -> str:
-        async with rpc(scheduler, connection_args=Security().get_connection_args("client")) as server:
+        own = distributed.Security().get_connection_args("client")
+        async with distributed.rpc(scheduler, connection_args=own) as server:
             return str((await server.identity())["type"])
 
-    try:  # a Client would wait forever for a server that is silent, or a worker
+    no_answer = f"--scheduler {scheduler}: no Dask scheduler with workers answers there"
+    with refusing(no_answer, "write tcp://HOST:PORT, as `dask scheduler` prints it"):
+        # a Client would wait forever for a server that is silent, or a worker
         if asyncio.run(asyncio.wait_for(kind(), PATIENCE_S)) != "Scheduler":
             raise ValueError("it is a worker")
-        client = Client(scheduler, timeout=PATIENCE_S)
+        client = distributed.Client(scheduler, timeout=PATIENCE_S)
         client.wait_for_workers(1, PATIENCE_S)
-    except Exception as error:  # whatever Dask makes of what another server sends
-        hint = f"({str(error) or type(error).__name__}); write tcp://HOST:PORT, as `dask scheduler` prints it"
-        raise UserError(f"--scheduler {scheduler}: no Dask scheduler with workers answers there {hint}") from None
     with client:
         for worker, found in client.run(build, on_error="return").items():
             if found != build():
@@ -126,15 +102,12 @@ def completed(
     """Yields each task with its result, or with what it raised, in the order of completion. `function` is a function
     of a module, or a partial of one. Raises UserError as `connected` does."""
     if scheduler is None:
-        context = multiprocessing.get_context("spawn")
-        with concurrent.futures.ProcessPoolExecutor(processes, context, end_with_parent) as pool:
+        with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"), end_with_parent) as pool:
             local = {pool.submit(function, task): task for task in tasks}
-            for done in concurrent.futures.as_completed(local):
+            for done in as_completed(local):
                 yield local[done], done.exception() or done.result()
         return
     with connected(scheduler) as client:
-        from distributed import as_completed
-
         futures = {client.submit(function, task, pure=False, retries=RETRIES): task for task in tasks}
-        for future in as_completed(futures):
+        for future in required("distributed", "--scheduler", "cluster").as_completed(futures):
             yield futures.pop(future), future.exception() or future.result()

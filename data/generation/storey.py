@@ -98,7 +98,7 @@ def _doors(
     """A tree of doors starting from the halls, some more, and one or two from outside."""
     edges = [edges_of(r) for r in rooms]
     reach = max(walls.inner, walls.corridor) + 0.02
-    gaps = rooms_behind([(r, None) for r in rooms], edges, reach)
+    gaps = rooms_behind(rooms, edges, reach)
     sites = _door_sites(edges, gaps)
     order = sorted(range(len(rooms)), key=lambda k: (kinds[k] not in HALLS, -rooms[k].area))
     reached, doors = [order[0]], []

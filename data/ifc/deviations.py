@@ -1,7 +1,7 @@
 """Writes a copy of an IFC model whose elements show how they were built: by a property set and a colour."""
 
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -154,17 +154,13 @@ def _proxy(model: ifcopenshell.file, wall: Entry) -> Entity:
     T[:2, :2] = [[along[0], -along[1]], [along[1], along[0]]]
     T[:3, 3] = *start, low
     ifcopenshell.api.geometry.edit_object_placement(model, product=proxy, matrix=T)
-    for storey in _storeys(model, wall["storey"]):
+    storeys = model.by_type("IfcBuildingStorey")
+    named = [s for s in storeys if wall["storey"] in (s.Name, s.LongName, s.GlobalId)]
+    for storey in (named or storeys)[:1]:
         model.create_entity(
             "IfcRelContainedInSpatialStructure", _guid(f"{proxy.GlobalId}/in"), history, None, None, [proxy], storey
         )
     return proxy
-
-
-def _storeys(model: ifcopenshell.file, called: str) -> Iterator[Entity]:
-    """The storey with that name or id, else the first there is."""
-    named = [s for s in model.by_type("IfcBuildingStorey") if called in (s.Name, s.LongName, s.GlobalId)]
-    yield from (named or model.by_type("IfcBuildingStorey"))[:1]
 
 
 def _body_context(model: ifcopenshell.file) -> Entity:

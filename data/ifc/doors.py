@@ -3,7 +3,6 @@
 These are the closed faces between the walls of a level, with doors and windows closed.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import ifcopenshell
@@ -29,35 +28,29 @@ SAME = 0.7  # of the larger one's area: the same face
 
 
 def doors_of(model: ifcopenshell.file, rooms: list[RoomVolume], walls: dict[str, Area]) -> tuple[Door, ...]:
-    """Returns every IfcDoor with a position; `walls` are the walls' areas in plan by GlobalId."""
-    entities = {door.GlobalId: door for door in model.by_type("IfcDoor")}
-    tree = shapely.STRtree([room.area for room in rooms])
+    """Returns every IfcDoor with a position; `walls` are the walls' areas in plan by GlobalId.
 
-    def near(x: float, y: float) -> list[RoomVolume]:
-        return [rooms[k] for k in sorted(tree.query(shapely.box(x - REACH, y - REACH, x + REACH, y + REACH)).tolist())]
-
-    found = (_door(door, near, walls) for door in entities.values())
-    return tuple(door for door in found if door is not None)
-
-
-def _door(
-    door: ifcopenshell.entity_instance, near: Callable[[float, float], list[RoomVolume]], walls: dict[str, Area]
-) -> Door | None:
-    """Uses the middle of the opening in its wall, since a door's own shape may include an open leaf."""
-    vertices, host = body_of(door)
-    if vertices is None:
-        return None
-    through = across(door)
-    centre = _middle(vertices[:, :2], through)
-    hull = shapely.MultiPoint(vertices[:, :2]).convex_hull
-    within = polygons_of(overlap(hull, walls[host])) if host in walls else shapely.Polygon()
-    if not within.is_empty:
-        centre = _middle(np.asarray(shapely.get_coordinates(within)), through)
-    z = float(vertices[:, 2].min()) + ABOVE_SILL
-    here = [r for r in near(*centre.tolist()) if r.bottom < z < r.top]
-    along = np.array([-through[1], through[0]])
-    joined = _rooms_beside(centre, through, here) or _rooms_beside(centre, along, here)
-    return Door(door.GlobalId, joined, (float(centre[0]), float(centre[1])))
+    It is in the middle of the opening in its wall, since a door's own shape may include an open leaf.
+    """
+    tree, found = shapely.STRtree([room.area for room in rooms]), []
+    for global_id, door in {door.GlobalId: door for door in model.by_type("IfcDoor")}.items():
+        vertices, host = body_of(door)
+        if vertices is None:
+            continue
+        through = across(door)
+        centre = _middle(vertices[:, :2], through)
+        hull = shapely.MultiPoint(vertices[:, :2]).convex_hull
+        within = polygons_of(overlap(hull, walls[host])) if host in walls else shapely.Polygon()
+        if not within.is_empty:
+            centre = _middle(np.asarray(shapely.get_coordinates(within)), through)
+        x, y = centre.tolist()
+        near = sorted(tree.query(shapely.box(x - REACH, y - REACH, x + REACH, y + REACH)).tolist())
+        z = float(vertices[:, 2].min()) + ABOVE_SILL
+        here = [rooms[k] for k in near if rooms[k].bottom < z < rooms[k].top]
+        along = np.array([-through[1], through[0]])
+        joined = _rooms_beside(centre, through, here) or _rooms_beside(centre, along, here)
+        found.append(Door(global_id, joined, (x, y)))
+    return tuple(found)
 
 
 def body_of(filling: ifcopenshell.entity_instance) -> tuple[NDArray[np.float64] | None, str | None]:

@@ -1,5 +1,6 @@
 """An IFC model as an A-graph: storeys, rooms, wall and level surfaces and doors in the BIM frame."""
 
+from bisect import bisect_left
 from collections import Counter, defaultdict
 from dataclasses import replace
 from functools import cache
@@ -35,7 +36,10 @@ def read_ifc(path: Path | str) -> tuple[SceneGraph, tuple[str, ...]]:
     Raises UserError for a file that cannot be read or has no walls.
     """
     model = open_ifc(path)
-    count = sum(not _of_walls(w) for c in WALLS for w in model.by_type(c))
+    every = [wall for kind in WALLS for wall in model.by_type(kind)]
+    # a wall that is made of walls is these
+    parts = [[part for part in get_parts(w) if any(part.is_a(kind) for kind in WALLS)] for w in every]
+    count = sum(w.Representation is not None or not own for w, own in zip(every, parts, strict=True))
     made = solids(model, WALLS)
     shadows = {s.id: s.shadow() for s in made}
     walls = [s for s in made if _stands(s, shadows[s.id])]
@@ -74,11 +78,6 @@ def read_ifc(path: Path | str) -> tuple[SceneGraph, tuple[str, ...]]:
     if (wrong := implausible(graph)) is not None:
         notices.append(wrong)
     return graph, tuple(notices)
-
-
-def _of_walls(wall: ifcopenshell.entity_instance) -> bool:
-    """Whether a wall is made of walls, which stand for it."""
-    return wall.Representation is None and any(part.is_a(c) for part in get_parts(wall) for c in WALLS)
 
 
 def _used_twice(model: ifcopenshell.file) -> list[str]:
@@ -171,22 +170,13 @@ def _levels_without_rooms(floors: tuple[Floor, ...], walls: list[Solid], columns
         if z is not None and walls_of[storey.id] and all(abs(z - other) >= STOREY_APART for other, _ in chosen):
             chosen.append((z, storey.id))
     chosen.sort(key=lambda c: c[0])
-    highest = max(s.top for s in walls)
-    levels = []
+    heights, levels = [z for z, _ in chosen], []
+    homes = [(s, max(bisect_left(heights, s.bottom + STOREY_APART / 2) - 1, 0)) for s in [*walls, *columns]]
     for k, (z, floor) in enumerate(chosen):
-        top = chosen[k + 1][0] if k + 1 < len(chosen) else max(highest, z)
-        own = {s.id for s in [*walls, *columns] if _home(s, chosen) == k or _spans(s, z)}
+        top = heights[k + 1] if k + 1 < len(chosen) else max(z, *(s.top for s in walls))
+        own = (s.id for s, home in homes if home == k or (s.bottom < z + SAME_LEVEL and s.top > z + HEAD))
         levels.append(Level(floor, z, top, own=frozenset(own)))
     return levels
-
-
-def _home(solid: Solid, levels: list[tuple[float, str]]) -> int:
-    below = [k for k, (z, _) in enumerate(levels) if z < solid.bottom + STOREY_APART / 2]
-    return below[-1] if below else 0
-
-
-def _spans(solid: Solid, z: float) -> bool:
-    return solid.bottom < z + SAME_LEVEL and solid.top > z + HEAD
 
 
 def _numbered(surfaces: list[WallSurface]) -> tuple[WallSurface, ...]:

@@ -1,6 +1,5 @@
 """Triangulated products of an IFC model, in the BIM frame: world coordinates in metres, site included."""
 
-import shutil
 import tempfile
 import zipfile
 from collections.abc import Iterator
@@ -15,7 +14,7 @@ import numpy as np
 from ifcopenshell.util.element import get_aggregate, get_container, get_parts
 from numpy.typing import NDArray
 
-from data.common.errors import UserError
+from data.common.errors import UserError, refusing
 from data.walls.solids import Solid, solid_of
 
 MAX_RATIO = 200  # IFC text packs to a tenth, rarely to a fortieth
@@ -48,10 +47,8 @@ def open_ifc(path: Path | str) -> ifcopenshell.file:
         return _open_zip(path)
     if path.suffix.lower() == ".ifc" and not _is_whole(path):
         raise UserError(f"{path}: not IFC, or cut off (it does not end in END-ISO-10303-21); give a complete IFC file")
-    try:
+    with refusing(f"{path}: cannot be read as IFC", "give an IFC file"):
         return ifcopenshell.open(str(path))
-    except Exception as error:  # ifcopenshell raises its own kinds, OSError and RuntimeError
-        raise UserError(f"{path}: cannot be read as IFC ({type(error).__name__}); give an IFC file") from None
 
 
 def self_test() -> None:
@@ -63,23 +60,17 @@ def self_test() -> None:
 
 def _open_zip(path: Path) -> ifcopenshell.file:
     """Opens the only .ifc file of an archive."""
-    try:
-        with zipfile.ZipFile(path) as archive, tempfile.TemporaryDirectory(prefix="sgslam-") as folder:
-            inside = [m for m in archive.infolist() if m.filename.lower().endswith(".ifc") and not m.is_dir()]
-            if len(inside) != 1:
-                raise UserError(f"{path}: contains {len(inside)} .ifc files; give an archive with one")
-            if inside[0].file_size > MAX_RATIO * path.stat().st_size + (1 << 20):
-                raise UserError(f"{path}: its .ifc claims {inside[0].file_size:,} bytes; give a complete archive")
-            unpacked = Path(folder) / "model.ifc"
-            with archive.open(inside[0]) as packed, unpacked.open("wb") as out:
-                shutil.copyfileobj(packed, out)
-            if not _is_whole(unpacked):
-                raise UserError(f"{path}: the .ifc in it is cut off; give a complete one")
-            return ifcopenshell.open(str(unpacked))
-    except UserError:
-        raise
-    except Exception as error:  # zipfile and ifcopenshell raise many kinds
-        raise UserError(f"{path}: cannot be unpacked ({type(error).__name__}); give a complete .ifczip") from None
+    folder = tempfile.TemporaryDirectory(prefix="sgslam-")
+    with refusing(f"{path}: cannot be unpacked", "give a complete .ifczip"), zipfile.ZipFile(path) as archive, folder:
+        inside = [m for m in archive.infolist() if m.filename.lower().endswith(".ifc") and not m.is_dir()]
+        if len(inside) != 1:
+            raise UserError(f"{path}: contains {len(inside)} .ifc files; give an archive with one")
+        if inside[0].file_size > MAX_RATIO * path.stat().st_size + (1 << 20):
+            raise UserError(f"{path}: its .ifc claims {inside[0].file_size:,} bytes; give a complete archive")
+        unpacked = Path(archive.extract(inside[0], folder.name))
+        if not _is_whole(unpacked):
+            raise UserError(f"{path}: the .ifc in it is cut off; give a complete one")
+        return ifcopenshell.open(str(unpacked))
 
 
 def _is_whole(path: Path) -> bool:

@@ -94,17 +94,14 @@ def _without_overlaps(volumes: list[RoomVolume]) -> list[RoomVolume]:
     """From the smallest up: drops duplicates and covering spaces; larger ones lose what lies within them."""
     kept: list[RoomVolume] = []
     for volume in sorted(volumes, key=lambda v: v.area.area):
-        within = [k for k in kept if k.beside(volume) and _inside(k.area, volume.area)]
+        beside = [k for k in kept if k.beside(volume)]
+        within = [k for k in beside if overlap(k.area, volume.area).area > SAME * k.area.area]
         rest = difference(volume.area, united(k.area for k in within))
         open_rest = rest.buffer(-WALL_HALF)
         if within and open_rest.area < max(MIN_AREA, (1 - SAME) * volume.area.area):
             continue
         kept.append(replace(volume, area=_tidy(rest)) if within else volume)
     return kept
-
-
-def _inside(small: Area, large: Area) -> bool:
-    return bool(overlap(small, large).area > SAME * small.area)
 
 
 def floors_of(model: ifcopenshell.file, rooms: list[RoomVolume], walls: list[Solid]) -> tuple[Floor, ...]:

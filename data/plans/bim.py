@@ -6,23 +6,24 @@ import json
 import logging
 import os
 import tarfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
-from data.common.errors import UserError
+from data.common.errors import UserError, refusing
 from data.common.files import read_json, user_cache, write_json
 from data.ifc.guard import read_guarded
 from data.plans.dxf import read_dxf
 from data.plans.geojson import plan_of
 from data.plans.polygons import Plan
-from data.plans.published_plans import Buildings, read_json_plan, read_msd
+from data.plans.published_plans import Buildings, read_json_plan
 from data.scene_graph import SceneGraph
 
 EXTRACTOR_VERSION = 9  # to be raised whenever the A-graph of the same file changes
 IFC_SUFFIXES = (".ifc", ".ifczip")
 PLANS = "an IFC file (.ifc, .ifczip), a drawing (.dxf), GeoJSON (.geojson), or an A-graph (.json)"
+SETS = "plans (.json, .tar.gz, .ifc) or a folder of them"
 MAX_MEMBER = 50_000_000  # bytes: no plan is larger
 _log = logging.getLogger(__name__)
 Split = Literal["train", "validation", "test"]
@@ -73,16 +74,20 @@ def _read(path: Path, cache_dir: Path | str | None, layers: Sequence[str]) -> Bi
 
 
 def _of_json(path: Path) -> Bim:
-    value = read_json(path, PLANS)
-    known = value if isinstance(value, dict) else {}
+    known = _object(path)
     if path.suffix.lower() == ".geojson" or known.get("type") in ("FeatureCollection", "Feature"):
-        return Bim(*plan_of(value, str(path)))
+        return Bim(*plan_of(known, str(path)))
     if "rooms" in known and "schema_version" not in known:
         return Bim(read_json_plan(path.read_bytes(), str(path)).graph)
     graph = SceneGraph.load(path)
     if not graph.wall_surfaces:
         raise UserError(f"{path}: has no wall surfaces; give an A-graph with walls")
     return Bim(graph)
+
+
+def _object(path: Path) -> dict[str, Any]:
+    value = read_json(path, PLANS)
+    return value if isinstance(value, dict) else {}
 
 
 def plan_cache() -> Path:
@@ -109,46 +114,31 @@ def _keep(entry: Path, bim: Bim) -> None:
 
 
 def read_plans(path: Path | str, merge_collinear: bool = True) -> Iterator[Plan]:
-    """Reads plans one by one, in the order of their names (a table's in its own order).
+    """Reads plans one by one, in the order of their names.
 
-    `path` is a folder of plan JSON files or one of them (see `published_plans`), a `.tar.gz` of such files, Modified
-    Swiss Dwellings' `.csv` (its apartments), an `.ifc` or `.ifczip`,
-    or an A-graph as `.json`. Of many plans those that cannot be used are left out, each with one
-    line in the log; a single one raises. `merge_collinear=False`: see `scene_graph_of`.
+    `path` is a folder of plan JSON files or one of them (see `published_plans`), a `.tar.gz` of such files, an `.ifc`
+    or `.ifczip`, or an A-graph as `.json`. Of many plans those that cannot be used are left out, each with one line in
+    the log; a single one raises. `merge_collinear=False`: see `scene_graph_of`.
 
     Raises UserError where the path is none of these or where none of the plans can be used.
     """
     path = Path(path)
     name = path.name.lower()
-    if path.is_dir():
-        files = sorted(p for p in path.iterdir() if p.suffix.lower() == ".json")
-        if not files:
-            raise UserError(f"{path}: no plans (.json) in this folder")
-        yield from _usable(((str(f), f.read_bytes()) for f in files), path, merge_collinear)
-    elif not path.is_file():
-        raise UserError(f"{path}: no such file or folder; give plans (.json, .csv, .tar.gz, .ifc) or a folder of them")
-    elif name.endswith((".tar.gz", ".tgz", ".tar")):
-        yield from _usable(_members(path), path, merge_collinear)
-    elif name.endswith(IFC_SUFFIXES):
+    if not path.exists():
+        raise UserError(f"{path}: no such file or folder; give {SETS}")
+    if path.is_dir() or name.endswith((".tar.gz", ".tgz", ".tar")):
+        yield from _usable(path, merge_collinear)
+    elif name.endswith(IFC_SUFFIXES) or (name.endswith(".json") and "schema_version" in _object(path)):
         yield Plan(path.stem, path.stem, load_bim(path).graph)
-    elif name.endswith(".csv"):
-        yield from read_msd(path, merge_collinear)
     elif name.endswith(".json"):
-        yield _one(path, merge_collinear)
+        yield read_json_plan(path.read_bytes(), str(path), merge_collinear)
     else:
-        raise UserError(f"{path}: not a plan; give plans (.json, .csv, .tar.gz, .ifc) or a folder of them")
+        raise UserError(f"{path}: not a plan; give {SETS}")
 
 
-def _one(path: Path, merge_collinear: bool) -> Plan:
-    value = read_json(path, "a floor plan or an A-graph")
-    if isinstance(value, dict) and "schema_version" in value:
-        return Plan(path.stem, path.stem, load_bim(path).graph)
-    return read_json_plan(path.read_bytes(), str(path), merge_collinear)
-
-
-def _usable(texts: Iterable[tuple[str, bytes]], path: Path, merge_collinear: bool) -> Iterator[Plan]:
+def _usable(path: Path, merge_collinear: bool) -> Iterator[Plan]:
     buildings, skipped, used = Buildings(), 0, 0
-    for where, text in texts:
+    for where, text in _folder(path) if path.is_dir() else _members(path):
         try:
             plan = read_json_plan(text, where, merge_collinear)
         except UserError as error:
@@ -158,20 +148,19 @@ def _usable(texts: Iterable[tuple[str, bytes]], path: Path, merge_collinear: boo
         used += 1
         yield replace(plan, building=buildings.of(plan))
     if not used:
-        raise UserError(f"{path}: none of its {skipped} plans can be used")
+        raise UserError(f"{path}: none of its {skipped} plans (.json) can be used")
+
+
+def _folder(path: Path) -> Iterator[tuple[str, bytes]]:
+    return ((str(file), file.read_bytes()) for file in sorted(path.glob("*.json")))
 
 
 def _members(path: Path) -> Iterator[tuple[str, bytes]]:
     """The JSON files of a tar archive, in its order; nothing is extracted to disk, links are not followed."""
-    try:
-        with tarfile.open(path) as archive:
-            for member in archive:
-                if member.isreg() and member.name.endswith(".json") and member.size <= MAX_MEMBER:
-                    file = archive.extractfile(member)
-                    assert file is not None  # it is a regular file
-                    yield member.name, file.read()
-    except (tarfile.TarError, EOFError, OSError) as error:
-        raise UserError(f"{path}: not a readable tar archive ({error})") from None
+    with refusing(f"{path}: not a readable tar archive"), tarfile.open(path) as archive:
+        for member in archive:
+            if member.isreg() and member.name.endswith(".json") and member.size <= MAX_MEMBER:
+                yield member.name, archive.extractfile(member).read()  # type: ignore[union-attr]
 
 
 def split_of(building: str) -> Split:

@@ -67,12 +67,16 @@ def bodies_of(plan: SceneGraph) -> tuple[PlannedElement, ...]:
     for level in plan.level_surfaces:
         bodies.setdefault(level.source or level.id, []).append(_sheet(level))
         of.setdefault(level.source or level.id, level)
-    return tuple(
-        PlannedElement(
-            key, _ifc_class(surface), _name(key, rooms.get(surface.room or "")), names.get(surface.floor or "", ""),
-            "solid", np.concatenate(bodies[key]), pane=PANE if isinstance(surface, WallSurface) else np.inf,
-        ) for key, surface in of.items()
-    )  # fmt: skip
+    found = []
+    for key, own in of.items():
+        name = f"{rooms[own.room]}, {key}" if own.room in rooms else key
+        if isinstance(own, WallSurface):
+            kind, pane = "IfcWall", PANE
+        else:
+            kind, pane = own.kind or ("IfcSlab" if own.is_floor else "IfcCovering"), np.inf
+        storey = names.get(own.floor or "", "")
+        found.append(PlannedElement(key, kind, name, storey, "solid", np.concatenate(bodies[key]), pane=pane))
+    return tuple(found)
 
 
 def gaps_of(plan: SceneGraph) -> Array:
@@ -83,17 +87,6 @@ def gaps_of(plan: SceneGraph) -> Array:
         solid = [(first, last) for _, first, last in walls.stretches(surface)]
         gaps += [walls.box(surface, gap) for gap in without([(-half, half)], solid)]
     return np.concatenate(gaps)
-
-
-def _name(key: str, room: str | None) -> str:
-    """The id of an element, after the name of its room."""
-    return key if room is None else f"{room}, {key}"
-
-
-def _ifc_class(surface: WallSurface | LevelSurface) -> str:
-    if isinstance(surface, WallSurface):
-        return "IfcWall"
-    return surface.kind or ("IfcSlab" if surface.is_floor else "IfcCovering")
 
 
 class _Walls:

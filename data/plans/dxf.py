@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from data.common.errors import UserError
+from data.common.errors import UserError, refusing, required
 from data.plans.flat_plan import DrawnWalls, FlatStorey, even_odd, graph_of_storeys, walls_of_lines
 from data.scene_graph import SceneGraph
 
@@ -29,8 +29,10 @@ UNITS = {  # $INSUNITS -> metres
 }  # fmt: skip
 NAMES = {1.0: "metres", 1e-2: "centimetres", 1e-3: "millimetres", 0.0254: "inches", 0.3048: "feet"}
 DRAWN = ("LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "HATCH", "SOLID", "TRACE")
+EXPANDED = ("INSERT", "MLINE")
 SMALLEST, LARGEST, USUAL = 2.0, 3000.0, 40.0  # m: of a building's plan
-DEEPEST, MOST, MOST_BLOCKS = 12, 2_000_000, 50_000  # blocks within blocks; line segments; blocks wherever they lie
+DEEPEST = 12  # blocks within blocks
+MOST, LINES_A_BLOCK = 2_000_000, 40  # line segments; as many take as long as a block
 CURVE = 16  # chords of a bow
 
 
@@ -52,89 +54,56 @@ def read_dxf(path: Path | str, layers: Sequence[str] = ()) -> tuple[SceneGraph, 
     missing or no DXF, for unknown layers, and if no layer is recognised as walls or it is empty.
     """
     path = Path(path)
-    drawing = _open(path)
-    by_layer = _by_layer(drawing, path)
+    ezdxf = required("ezdxf", f"{path}: DXF", "dxf")
+    with refusing(f"{path}: no DXF file, or a broken one", "export it as DXF again"):
+        drawing = ezdxf.readfile(path)
+        by_layer = _by_layer(drawing, path)
     chosen, notices = _chosen(by_layer, layers, path)
     segments = np.concatenate([np.empty((0, 2, 2)), *(s for name in chosen for s in by_layer[name].segments)])
     filled = [rings for name in chosen for rings in by_layer[name].filled]
-    try:
+    with refusing(f"{path}: its lines give no plan", "give --layer"):
         scale, message = _scale(drawing, segments, filled, path)
         walls = _walls(segments, filled, scale)
         graph, made = graph_of_storeys([FlatStorey(path.stem, walls.area)], str(path))
-    except UserError:
-        raise
-    except Exception as error:  # shapely and what is built on it raise many kinds
-        raise UserError(f"{path}: its lines give no plan ({type(error).__name__}); give --layer") from None
     if not walls.is_double and not filled:
         message.append("walls are drawn as single lines; a thickness of 0.1 m is assumed")
     return graph, (*notices, *message, *made)
 
 
-def _open(path: Path) -> Any:
-    try:
-        import ezdxf
-    except ModuleNotFoundError:
-        raise UserError(f"{path}: DXF needs ezdxf: pip install 'sgslam[dxf]'") from None
-    try:
-        return ezdxf.readfile(path)
-    except OSError:
-        raise UserError(f"{path}: cannot be read as DXF; give a DXF file (a DWG must be exported as one)") from None
-    except Exception as error:  # ezdxf raises many kinds on garbage
-        raise UserError(f"{path}: a broken DXF file ({type(error).__name__}); export it again") from None
-
-
 def _by_layer(drawing: Any, path: Path) -> dict[str, _Drawn]:
     found: dict[str, _Drawn] = defaultdict(_Drawn)
-    try:
-        budget = _Budget(path)
-        for layer, entity in _exploded(drawing.modelspace(), "0", 0, budget):
-            budget.lines -= _add(found[layer], entity)
-            budget.check()
-    except UserError:
-        raise
-    except Exception as error:  # ezdxf raises many kinds on garbage
-        raise UserError(f"{path}: a broken DXF file ({type(error).__name__}); export it again") from None
+    lines = 0
+    for layer, entity in _exploded(drawing.modelspace(), "0", 0):
+        lines += _add(found[layer], entity)
+        if lines > MOST:  # blocks within blocks can exceed any memory
+            raise UserError(
+                f"{path}: holds over {MOST:,} lines, or {MOST // LINES_A_BLOCK:,} blocks; purge the drawing"
+            )
     return {name: drawn for name, drawn in found.items() if drawn.count()}
 
 
-@dataclass
-class _Budget:
-    """Limits the number of drawn entities, since nested blocks can exceed any memory."""
-
-    path: Path
-    lines: int = MOST
-    blocks: int = MOST_BLOCKS
-
-    def check(self) -> None:
-        """Raises UserError if the limit is exceeded."""
-        if self.lines < 0 or self.blocks < 0:
-            most = f"{MOST:,} lines or {MOST_BLOCKS:,} blocks"
-            raise UserError(f"{self.path}: holds over {most}; purge the drawing")
-
-
-def _exploded(entities: Any, layer: str, depth: int, budget: _Budget) -> Iterator[tuple[str, Any]]:
-    """Entities with their layers; blocks and multilines are expanded, with layer 0 in a block meaning the block's
-    own.
-    """
+def _exploded(entities: Any, layer: str, depth: int) -> Iterator[tuple[str, Any]]:
+    """Entities with their layers; blocks and multilines are followed by what is in them, of which layer 0 means their
+    own."""
     for entity in entities:
         own = entity.dxf.get("layer", "0")
         own = layer if own == "0" else own
         kind = entity.dxftype()
-        if kind in DRAWN:
+        if kind in DRAWN or (kind in EXPANDED and depth < DEEPEST):
             yield own, entity
-        elif kind in ("INSERT", "MLINE") and depth < DEEPEST:
-            several = kind == "INSERT" and entity.mcount > 1
-            budget.blocks -= entity.mcount if several else 1
-            budget.check()
-            for one in entity.multi_insert() if several else [entity]:
-                yield from _exploded(one.virtual_entities(), own, depth + 1, budget)
+        if kind in EXPANDED and depth < DEEPEST:
+            for one in entity.multi_insert() if kind == "INSERT" and entity.mcount > 1 else [entity]:
+                yield from _exploded(one.virtual_entities(), own, depth + 1)
 
 
 def _add(drawn: _Drawn, entity: Any) -> int:
-    """Adds an entity's lines in plan and returns their number. Broken entities are skipped."""
+    """Adds an entity's lines in plan and returns their number, for a block what it costs. Broken entities are
+    skipped."""
     from ezdxf import path as paths
 
     kind = entity.dxftype()
+    if kind in EXPANDED:
+        return LINES_A_BLOCK * (entity.mcount if kind == "INSERT" else 1)
     try:
         if kind == "HATCH":
             rings = [_flat(p) for p in paths.from_hatch(entity)]
@@ -182,12 +151,9 @@ def is_wall_layer(name: str) -> bool:
     words = [w for w in re.split(r"[^\w]|_|\d", name.casefold().rpartition("$")[2]) if w]
     if any(word.startswith(no) for word in words for no in NOT_WALLS):
         return False
-    return any(word == known or (known in word and not _short(known)) for word in words for known in WALLS)
-
-
-def _short(word: str) -> bool:
-    """Whether other words may contain this one by chance."""
-    return word.isascii() and len(word) < 4
+    # other words may contain a short one by chance
+    inside = [known for known in WALLS if len(known) >= 4 or not known.isascii()]
+    return any(word in WALLS or any(known in word for known in inside) for word in words)
 
 
 def _scale(drawing: Any, segments: Array, filled: list[list[Array]], path: Path) -> tuple[float, list[str]]:

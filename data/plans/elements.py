@@ -14,8 +14,8 @@ from ifcopenshell.util.unit import calculate_unit_scale
 from numpy.typing import NDArray
 
 from data.ifc.doors import FILLINGS
-from data.ifc.products import IfcProduct, open_ifc, opening_of, products, triangulated
-from data.plans.bodies import PANE, Kind, PlannedElement
+from data.ifc.products import open_ifc, opening_of, products, triangulated
+from data.plans.bodies import PANE, PlannedElement
 
 _ONE_AT_A_TIME = Lock()
 SOLID = ("IfcWall", "IfcColumn", "IfcSlab", "IfcCovering", "IfcCurtainWall")
@@ -37,19 +37,15 @@ def planned_elements(ifc: Path | str) -> tuple[PlannedElement, ...]:
 def _planned_elements(ifc: Path, mtime_ns: int) -> tuple[PlannedElement, ...]:
     model = open_ifc(ifc)
     storeys = {storey.GlobalId: storey.Name or storey.GlobalId for storey in model.by_type("IfcBuildingStorey")}
-    found = [_element(product, storeys, "solid") for product in products(model, SOLID)]
+    found = []
+    for p in products(model, SOLID):
+        storey, pane = storeys.get(p.storey or "", ""), PANE if p.ifc_class == "IfcCurtainWall" else 0.0
+        found.append(PlannedElement(p.global_id, p.ifc_class, p.name, storey, "solid", p.triangles, pane=pane))
     families = grid_families(model)
     return tuple(
         replace(element, grid=grid_reference(families, element.triangles.reshape(-1, 3)[:, :2]))
         for element in (*found, *_openings(model, storeys))
     )
-
-
-def _element(product: IfcProduct, storeys: dict[str, str], kind: Kind) -> PlannedElement:
-    triangles = product.triangles
-    storey = storeys.get(product.storey or "", "")
-    pane = PANE if product.ifc_class == "IfcCurtainWall" else 0.0
-    return PlannedElement(product.global_id, product.ifc_class, product.name, storey, kind, triangles, pane=pane)
 
 
 def _openings(model: ifcopenshell.file, storeys: dict[str, str]) -> Iterator[PlannedElement]:

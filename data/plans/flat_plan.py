@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from data.common.errors import UserError
 from data.geometry.areas import GRID, Area, closed, polygons_of, united
-from data.plans.polygons import Drawing, DrawnRoom, scene_graph_of, with_pillars
+from data.plans.polygons import DrawnRoom, scene_graph_of, with_pillars
 from data.scene_graph import Floor, LevelSurface, Room, SceneGraph, WallSurface
 from data.walls.edges import straightened
 from data.walls.levels import normal_form
@@ -167,8 +167,8 @@ def _with_rooms(storey: FlatStorey, floor: Floor) -> SceneGraph:
         DrawnRoom(f"{key}/{id}" + (f".{n}" if n else ""), part, name, key, height)
         for id, name, area in storey.rooms for n, part in enumerate(shapely.get_parts(polygons_of(area)))
     ], storey.walls)  # fmt: skip
-    doors = [(f"{key}/door-{k}", area, key) for k, area in enumerate(storey.doors, 1)]
-    graph = scene_graph_of(Drawing(rooms, doors, walls, (floor,)))
+    doors = ((f"{key}/door-{k}", area) for k, area in enumerate(storey.doors, 1))
+    graph = scene_graph_of(rooms, doors, walls, (floor,))
     passages = tuple(replace(d, id=f"{key}/{d.id}") if d.id.startswith("passage") else d for d in graph.doors)
     level = Level(key, bottom, bottom + (storey.height or HEIGHT))
     outside = roomless_surfaces(storey.walls, [*(r.area for r in rooms), *storey.doors], level)

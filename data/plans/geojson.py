@@ -6,17 +6,16 @@ as in indoor maps of OpenStreetMap and IMDF; by default a polygon is a room and 
 """
 
 import math
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import shapely
 import shapely.geometry
-from numpy.typing import NDArray
 
-from data.common.errors import UserError
+from data.common.errors import UserError, refusing
 from data.geometry.areas import Area, polygons_of, united
 from data.plans.flat_plan import FlatStorey, graph_of_storeys, walls_of_lines
 from data.plans.published_plans import is_room
@@ -33,16 +32,6 @@ SMALLEST_METRES, LARGEST = 0.5, 20_000.0  # extents: below the one it is degrees
 DOOR_DEPTH = 0.4  # m: of a door drawn as a line or point
 SAME_HEIGHT = 0.01  # m
 EARTH = 6_378_137.0  # m
-
-
-@dataclass
-class _Storey:
-    walls: list[Area] = field(default_factory=list)
-    lines: list[NDArray[np.float64]] = field(default_factory=list)  # each (K, 2, 2)
-    rooms: list[tuple[str, str, Area]] = field(default_factory=list)
-    doors: list[Area] = field(default_factory=list)
-    elevations: list[float] = field(default_factory=list)
-    heights: list[float] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -67,25 +56,22 @@ class _Feature:
         return None
 
 
-def plan_of(value: Any, where: str) -> tuple[SceneGraph, tuple[str, ...]]:
+def plan_of(value: dict[str, Any], where: str) -> tuple[SceneGraph, tuple[str, ...]]:
     """Returns the A-graph (frame "bim") of a feature collection, and notices.
 
     Raises UserError if it is none, its geometry is broken, its size is implausible, or it has no walls or rooms.
     """
-    if not isinstance(value, dict) or value.get("type") not in ("FeatureCollection", "Feature"):
+    if value.get("type") not in ("FeatureCollection", "Feature"):
         raise UserError(f"{where}: not GeoJSON; give a FeatureCollection")
     features, notices = _in_metres(_features(value, where), where)
-    storeys: dict[str, _Storey] = defaultdict(_Storey)
+    storeys = defaultdict[str, list[_Feature]](list)
     for feature in features:
-        _sort_in(storeys[feature.text(STOREY)], feature)
-    try:
-        flat = [_flat(name, storey) for name, storey in storeys.items() if storey.rooms or storey.walls or storey.lines]
+        storeys[feature.text(STOREY)].append(feature)
+    with refusing(f"{where}: its geometry cannot be used"):
+        flat = [_storey(name, own) for name, own in storeys.items()]
+        flat = [storey for storey in flat if storey.rooms or not storey.walls.is_empty]
         flat.sort(key=lambda s: (s.elevation is None, s.elevation or 0.0, s.name))
         graph, made = graph_of_storeys(flat, where)
-    except UserError:
-        raise
-    except Exception as error:  # shapely and what is built on it raise many kinds
-        raise UserError(f"{where}: its geometry cannot be used ({str(error)[:100]})") from None
     if len(flat) > 1 and any(s.elevation is None for s in flat):
         notices.append("some of the storeys have no elevation; z = 0 is assumed for these")
     return graph, (*notices, *made)
@@ -97,10 +83,8 @@ def _features(value: dict[str, Any], where: str) -> list[_Feature]:
     for number, item in enumerate(items if isinstance(items, list) else []):
         if not isinstance(item, dict) or not isinstance(item.get("geometry"), dict):
             continue
-        try:
+        with refusing(f"{where}, feature {number}: a broken geometry"):
             shape = shapely.force_2d(shapely.geometry.shape(item["geometry"]))
-        except Exception as error:  # shapely raises many kinds on garbage
-            raise UserError(f"{where}, feature {number}: a broken geometry ({type(error).__name__})") from None
         if not shape.is_empty:
             if not np.isfinite(shape.bounds).all():
                 raise UserError(f"{where}, feature {number}: a coordinate is not finite")
@@ -132,44 +116,40 @@ def _in_metres(features: list[_Feature], where: str) -> tuple[list[_Feature], li
     return [_Feature(m, f.properties, f.id) for f, m in zip(features, moved, strict=True)], [message]
 
 
-def _sort_in(storey: _Storey, feature: _Feature) -> None:
-    """Adds a feature to its storey, by what it is."""
-    kinds = [str(feature.properties[n]).lower() for n in KIND if feature.properties.get(n) not in (None, "")]
-    message = " ".join(kinds)
-    kind = feature.shape.geom_type.removeprefix("Multi")
-    storey.elevations += [z] if (z := feature.number(ELEVATION)) is not None else []
-    storey.heights += [h] if (h := feature.number(HEIGHT)) is not None and h > 1.0 else []
-    if any(word in message for word in DOOR) or ("door" in feature.properties and kind != "Polygon"):
-        depth, cap = 0.0 if kind == "Polygon" else DOOR_DEPTH / 2, "flat" if kind == "LineString" else "square"
-        storey.doors.append(polygons_of(feature.shape.buffer(depth, cap_style=cap)))
-    elif kind == "Polygon":
-        area = polygons_of(feature.shape)
-        if any(word in message for word in WALL):
-            storey.walls.append(area)
-        elif not any(k in NO_PART for k in kinds) and is_room(kinds[-1] if kinds else ""):
-            storey.rooms.append((feature.id, feature.text(("name", "label", "room", "number")), area))
-    elif kind == "LineString" and not any(k in NO_PART for k in kinds):
-        thickness = feature.number(THICKNESS)
-        if thickness is not None and 0.0 < thickness < 2.0:
-            storey.walls.append(polygons_of(feature.shape.buffer(thickness / 2, cap_style="flat", join_style="mitre")))
-        else:
-            for line in shapely.get_parts(feature.shape):
-                points = np.asarray(line.coords)
-                storey.lines.append(np.stack([points[:-1], points[1:]], axis=1))
-
-
-def _flat(name: str, storey: _Storey) -> FlatStorey:
-    segments = np.concatenate([np.empty((0, 2, 2)), *storey.lines])
+def _storey(name: str, features: Sequence[_Feature]) -> FlatStorey:
+    """The features of a storey, sorted by what they are."""
+    walls, doors, lines = list[Area](), list[Area](), [np.empty((0, 2, 2))]
+    rooms, ids = list[tuple[str, str, Area]](), Counter[str]()
+    for feature in features:
+        kinds = [str(feature.properties[n]).lower() for n in KIND if feature.properties.get(n) not in (None, "")]
+        message, holds_rooms = " ".join(kinds), any(k in NO_PART for k in kinds)
+        shape, kind = feature.shape, feature.shape.geom_type.removeprefix("Multi")
+        if any(word in message for word in DOOR) or ("door" in feature.properties and kind != "Polygon"):
+            depth, cap = 0.0 if kind == "Polygon" else DOOR_DEPTH / 2, "flat" if kind == "LineString" else "square"
+            doors.append(polygons_of(shape.buffer(depth, cap_style=cap)))
+        elif kind == "Polygon" and any(word in message for word in WALL):
+            walls.append(polygons_of(shape))
+        elif kind == "Polygon" and not holds_rooms and is_room(kinds[-1] if kinds else ""):
+            ids[feature.id] += 1
+            id = feature.id if ids[feature.id] == 1 else f"{feature.id}~{ids[feature.id]}"
+            rooms.append((id, feature.text(("name", "label", "room", "number")), polygons_of(shape)))
+        elif kind == "LineString" and not holds_rooms:
+            thickness = feature.number(THICKNESS)
+            if thickness is not None and 0.0 < thickness < 2.0:
+                walls.append(polygons_of(shape.buffer(thickness / 2, cap_style="flat", join_style="mitre")))
+            else:
+                ends = [np.asarray(line.coords) for line in shapely.get_parts(shape)]
+                lines += [np.stack([points[:-1], points[1:]], axis=1) for points in ends]
+    segments = np.concatenate(lines)
     segments = segments[np.any(segments[:, 0] != segments[:, 1], axis=1)]
-    walls = walls_of_lines(segments, storey.walls).area
-    ids: dict[str, int] = defaultdict(int)
-    rooms = []
-    for id, label, area in storey.rooms:
-        if not area.is_empty:
-            ids[id] += 1
-            rooms.append((id if ids[id] == 1 else f"{id}~{ids[id]}", label, area))
-    doors = [d for d in storey.doors if not d.is_empty]
-    elevation = float(np.median(storey.elevations)) if storey.elevations else None
-    height = float(np.median(storey.heights)) if storey.heights else None
-    is_level = all(max(z) - min(z) < SAME_HEIGHT for z in (storey.elevations, storey.heights) if z)
-    return FlatStorey(name, united([walls]), rooms, doors, elevation, height, is_level)
+    elevations = [z for feature in features if (z := feature.number(ELEVATION)) is not None]
+    heights = [h for feature in features if (h := feature.number(HEIGHT)) is not None and h > 1.0]
+    return FlatStorey(
+        name,
+        united([walls_of_lines(segments, walls).area]),
+        [room for room in rooms if not room[2].is_empty],
+        [door for door in doors if not door.is_empty],
+        float(np.median(elevations)) if elevations else None,
+        float(np.median(heights)) if heights else None,
+        all(max(z) - min(z) < SAME_HEIGHT for z in (elevations, heights) if z),
+    )

@@ -84,12 +84,13 @@ def read_mesh(path: Path | str, *more: Path | str) -> MeshBuilding:
     seen = level_surfaces(faces, volumes, floors, lambda area, _: area)
     ceilings = _ceilings(seen, {v.room.id: v.area for v in volumes})
     # what has no source is a wall of its own: all of a mesh is one body
-    numbered = tuple(
-        replace(s, id=f"surface-{k}", source="", height=_up_to(ceilings.get(s.room or ""), s.height))
-        for k, s in enumerate(sorted(surfaces, key=lambda s: s.room is None), 1)
-    )
+    numbered = []
+    for k, s in enumerate(sorted(surfaces, key=lambda s: s.room is None), 1):
+        ceiling = ceilings.get(s.room or "")
+        height = None if ceiling is None or s.height is None else (s.height[0], ceiling)
+        numbered.append(replace(s, id=f"surface-{k}", source="", height=height))
     rooms = tuple(v.room for v in volumes)
-    graph = SceneGraph("bim", rooms, numbered, tuple(doors), floors, level_surfaces=seen)
+    graph = SceneGraph("bim", rooms, tuple(numbered), tuple(doors), floors, level_surfaces=seen)
     return MeshBuilding(graph, triangles, tuple(levels))
 
 
@@ -121,11 +122,6 @@ def _ceilings(levels: tuple[LevelSurface, ...], rooms: dict[str, Area]) -> dict[
         if level.room is not None and not level.is_floor and ceiling.area > rooms[level.room].area / 2:
             found[level.room] = level.height(ceiling.centroid.x, ceiling.centroid.y)
     return found
-
-
-def _up_to(ceiling: float | None, height: tuple[float, float] | None) -> tuple[float, float] | None:
-    """The height of a wall up to the ceiling; None without one."""
-    return None if ceiling is None or height is None else (height[0], ceiling)
 
 
 def _level(solid: MeshSolid, z: float, floor: Area, number: int) -> tuple[Level, list[Area]]:

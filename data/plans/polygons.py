@@ -3,8 +3,8 @@
 Metres, in the plan's own frame, which becomes `bim`.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -50,37 +50,34 @@ class DrawnRoom:
     height: tuple[float, float] | None = None
 
 
-@dataclass(frozen=True)
-class Drawing:
-    """What is drawn of a plan: `walls` is the area of walls, railings and windows, where these are drawn."""
+def scene_graph_of(
+    rooms: Sequence[DrawnRoom],
+    doors: Iterable[tuple[str, Area]],
+    walls: Area,
+    floors: tuple[Floor, ...] = (),
+    merge_collinear: bool = True,
+) -> SceneGraph:
+    """The A-graph of one storey: its rooms, its doors with their ids, and the area of walls, railings and windows,
+    where these are drawn.
 
-    rooms: Sequence[DrawnRoom]
-    doors: Sequence[tuple[str, Area, str | None]] = ()  # id, area, floor
-    walls: Area = field(default_factory=shapely.Polygon)
-    floors: Sequence[Floor] = ()
+    A room's edges become wall surfaces in the order of its rings (outer, then holes), normals into the room; what of an
+    edge lies within `OPEN` of another room with no wall drawn between is a passage, no wall. Collinear neighbours are
+    merged (corners that stand out less than `FLAT`, curves become chords), edges below `MIN_EDGE` are left out, and
+    rooms that overlap are cut: doubles fall out, the larger loses what the smaller covers.
 
-
-def scene_graph_of(drawing: Drawing, merge_collinear: bool = True) -> SceneGraph:
-    """The A-graph of a drawing.
-
-    A room's edges become wall surfaces in the order of its rings (outer, then holes), normals into the room; what
-    of an edge lies within `OPEN` of another room with no wall drawn between is a passage, no wall. Collinear
-    neighbours are merged (corners that stand out less than `FLAT`, curves become chords), edges below `MIN_EDGE`
-    are left out, and rooms that overlap are cut: doubles fall out, the larger loses what the smaller covers.
-
-    With `merge_collinear=False` every raw edge of every outer ring is a surface, whatever lies behind it: the
-    published matcher's graphs (Modified Swiss Dwellings apartments).
+    With `merge_collinear=False` every raw edge of every outer ring is a surface, whatever lies behind it: the published
+    matcher's graphs (Modified Swiss Dwellings apartments).
     """
-    rooms = _without_overlaps(drawing) if merge_collinear else list(drawing.rooms)
+    rooms = _without_overlaps(rooms, walls) if merge_collinear else rooms
     rooms = [replace(r, area=tidied(r.area)) if merge_collinear else r for r in rooms if r.area.area > 0]
     edges = [edges_of(r.area, holes=merge_collinear) for r in rooms]
-    gaps = rooms_behind([(r.area, r.floor) for r in rooms], edges, OPEN, drawing.walls) if merge_collinear else {}
+    gaps = rooms_behind([r.area for r in rooms], edges, OPEN, walls) if merge_collinear else {}
     surfaces: list[WallSurface] = []
     for k, room in enumerate(rooms):
         surfaces += surfaces_of(room, edges[k], gaps.get(k, {}), MIN_EDGE if merge_collinear else 0.0)
-    doors = [_door(*door, rooms) for door in drawing.doors] + _open_doors(rooms, edges, gaps)
-    known = tuple(d for d in doors if d.rooms)
-    return SceneGraph("bim", tuple(room_of(r) for r in rooms), tuple(surfaces), known, tuple(drawing.floors))
+    found = [_door(*door, rooms) for door in doors] + _open_doors(rooms, edges, gaps)
+    known = tuple(d for d in found if d.rooms)
+    return SceneGraph("bim", tuple(room_of(r) for r in rooms), tuple(surfaces), known, floors)
 
 
 def with_pillars(rooms: Sequence[DrawnRoom], walls: Area) -> list[DrawnRoom]:
@@ -97,28 +94,27 @@ def room_of(room: DrawnRoom) -> Room:
     return outlined(Room(room.id, (0.0, 0.0), room.floor, room.name), room.area)
 
 
-def _without_overlaps(drawing: Drawing) -> list[DrawnRoom]:
+def _without_overlaps(rooms: Sequence[DrawnRoom], walls: Area) -> list[DrawnRoom]:
     """Slivers and doubles fall out; of two rooms the larger loses what the smaller covers, and walls around it."""
-    rooms = sorted(drawing.rooms, key=lambda r: r.area.area)
-    areas = [largest(opened(polygons_of(r.area), SLIVER / 2)) for r in rooms]
+    ordered = sorted(rooms, key=lambda r: r.area.area)
+    areas = [largest(opened(polygons_of(r.area), SLIVER / 2)) for r in ordered]
     tree = shapely.STRtree(areas)
     kept: dict[int, Area] = {}
-    for k, room in enumerate(rooms):
-        area = areas[k]
+    for k, area in enumerate(areas):
         for other in sorted(int(j) for j in tree.query(area, predicate="intersects")):
-            if other not in kept or rooms[other].floor != room.floor:
+            if other not in kept:
                 continue
             shared = overlap(kept[other], area).area
             if shared > SAME * area.area:
                 area = shapely.Polygon()
                 break
             if shared > MIN_OVERLAP:
-                rest = difference(difference(area, kept[other]), drawing.walls)
+                rest = difference(difference(area, kept[other]), walls)
                 area = largest(opened(rest, NARROW / 2))
         if not area.is_empty:
             kept[k] = largest(area)
-    of_id = {rooms[k].id: area for k, area in kept.items()}
-    return [replace(r, area=of_id[r.id]) for r in drawing.rooms if r.id in of_id]
+    of_id = {ordered[k].id: area for k, area in kept.items()}
+    return [replace(r, area=of_id[r.id]) for r in rooms if r.id in of_id]
 
 
 def tidied(area: Area) -> Area:
@@ -153,26 +149,21 @@ def frame_of(edges: Points) -> tuple[Points, Points, NDArray[np.float64]]:
 Gaps = dict[int, dict[int, list[tuple[int, Intervals]]]]  # room, edge: rooms behind it and where, in metres along
 
 
-def rooms_behind(
-    rooms: Sequence[tuple[Area, str | None]], edges: Sequence[Points], reach: float, walls: Area | None = None
-) -> Gaps:
-    """Where another room of the same floor is met `reach` metres behind an edge, other than through `walls`.
-
-    `rooms` are areas with their floors, `edges` the edges of each.
-    """
+def rooms_behind(rooms: Sequence[Area], edges: Sequence[Points], reach: float, walls: Area | None = None) -> Gaps:
+    """Where another room is met `reach` metres behind one of the `edges` of each, other than through `walls`."""
     owner = np.repeat(np.arange(len(rooms)), [len(e) for e in edges])
     number = np.concatenate([np.arange(len(e)) for e in edges]) if edges else np.zeros(0, int)
     every = np.concatenate(edges) if edges else np.zeros((0, 2, 2))
     along, inward, _ = frame_of(every)
     behind = shapely.linestrings(every - reach * inward[:, None])
-    tree = shapely.STRtree([area for area, _ in rooms])
+    tree = shapely.STRtree(rooms)
     built = walls.buffer(OPEN) if walls is not None else shapely.Polygon()
     gaps: Gaps = {}
     for line, other in tree.query(behind, predicate="intersects").T.tolist():
         room = int(owner[line])
-        if other == room or rooms[other][1] != rooms[room][1]:
+        if other == room:
             continue
-        seen = difference(overlap(behind[line], rooms[other][0]), built)
+        seen = difference(overlap(behind[line], rooms[other]), built)
         spans = _spans(seen, every[line, 0], along[line])
         if spans:
             gaps.setdefault(room, {}).setdefault(int(number[line]), []).append((other, spans))
@@ -207,7 +198,7 @@ def surfaces_of(
     return surfaces
 
 
-def _door(id: str, area: Area, floor: str | None, rooms: Sequence[DrawnRoom]) -> Door:
+def _door(id: str, area: Area, rooms: Sequence[DrawnRoom]) -> Door:
     """The rooms on both sides of a door, across its thinner side, else across the wider (a door as deep as wide)."""
     corners = np.asarray(shapely.oriented_envelope(area).exterior.coords)[:3]
     centre = area.centroid
@@ -218,7 +209,7 @@ def _door(id: str, area: Area, floor: str | None, rooms: Sequence[DrawnRoom]) ->
         met = []
         for sign in (1, -1):
             ray = shapely.LineString([(centre.x, centre.y), (centre.x + sign * half[0], centre.y + sign * half[1])])
-            here = [r for r in rooms if r.floor == floor and r.area.intersects(ray)]
+            here = [r for r in rooms if r.area.intersects(ray)]
             met += [min(here, key=lambda r: centre.distance(overlap(ray, r.area))).id] if here else []
         found = tuple(dict.fromkeys(met))
         best = found if len(found) > len(best) else best

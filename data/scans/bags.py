@@ -1,9 +1,8 @@
 """Scans in bags, of ROS messages: sensor_msgs/PointCloud2 of any layout, and Livox's CustomMsg."""
 
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.bags import Bag, Record, decoded
-from data.common.errors import EndOfScansError, UnreadableScanError, UserError, reason
+from data.common.errors import EndOfScansError, UnreadableScanError, UserError, refusing
 from data.scans.formats import XYZ
 from data.scans.point_times import time_field
 from data.scans.scan import Scan, ScanSource, finished
@@ -43,12 +42,8 @@ def read_cloud(data: bytes, msgtype: str, is_cdr: bool) -> Cloud:
 
     Raises UnreadableScanError where the message does not hold together.
     """
-    try:
+    with refusing("a broken message", kind=UnreadableScanError):
         return _livox(data, is_cdr) if msgtype in LIVOX else _point_cloud(data, is_cdr)
-    except UnreadableScanError:
-        raise
-    except Exception as error:  # rosbags, numpy and struct raise many kinds on garbage
-        raise UnreadableScanError(f"a broken message ({reason(error)})") from None
 
 
 def _point_cloud(data: bytes, is_cdr: bool) -> Cloud:
@@ -124,48 +119,35 @@ class BagScans(ScanSource):
         if not counts:
             give = "repair it ('rosbag reindex', 'mcap recover')" if self._bag.damage else "give a bag with scans"
             raise UserError(f"{self.path}: no scans (PointCloud2 or Livox CustomMsg){self._bag.damage}; {give}")
-        self.topic = self._choose(topic)
+        lidars = list(counts)
+        if len(counts) > 1 and topic is None:
+            firsts = {name: next(self._bag.messages(name), None) for name in counts}
+            lidars = [name for name, first in firsts.items() if first is not None and is_lidar(first)]
+            if len(lidars) == 1:
+                others = f"others with points: {self._bag.listed}"
+                self.note = f"scans are read from {lidars[0]}, which has a LiDAR's fields; {others}"
+        self.topic = self._bag.topic(topic, lidars, "--topic", "scans")
         self._count = counts[self.topic]
-        self._unset_logged, self._told = False, set[Path]()
 
     def __len__(self) -> int:
         """How many messages the topic has."""
         return self._count
 
-    def _choose(self, wanted: str | None) -> str:
-        bag = self._bag
-        if wanted is not None:
-            return bag.named(wanted, "--topic", "topic with scans")
-        lidars = list(bag.counts)
-        if len(lidars) > 1:
-            lidars = [name for name in lidars if (first := next(bag.messages(name), None)) and is_lidar(first)]
-        if len(lidars) != 1:
-            raise UserError(f"{self.path}: several topics hold points: {bag.listed}; choose one with --topic NAME")
-        if len(bag.counts) > 1:
-            self.note = f"scans are read from {lidars[0]}, which has a LiDAR's fields; others with points: {bag.listed}"
-        return lidars[0]
+    def __iter__(self) -> Iterator[Scan]:
+        self._records, self._read_so_far, self._unset_logged = self._bag.messages(self.topic), 0, False
+        yield from super().__iter__()
+        lost = f" of {self._count}" if self._read_so_far < self._count else ""
+        for path, damage in self._bag.damages().items():
+            self.remarks.append(f"{path}: {damage}; what could be read is used: {self._read_so_far}{lost} scans")
 
-    def _jobs(self) -> Iterator[Callable[[], Scan]]:
-        self._index, self._unset_logged = 0, False
-        self._records = self._bag.messages(self.topic)
-        return repeat(self._next)
-
-    def _next(self) -> Scan:
+    def _read(self, index: int) -> Scan:
         record = next(self._records, None)
-        index, self._index = self._index, self._index + 1
         if record is None:
-            self._log_at_end(index)
             raise EndOfScansError
+        self._read_so_far = index + 1
         cloud = read_cloud(record.data, record.msgtype, record.is_cdr)
         if not cloud.stamp_ns and record.log_ns and not self._unset_logged:
             self._unset_logged = True
             self.remarks.append(f"{self.topic}: its headers have no stamp; the time of recording is used instead")
         stamp_ns = cloud.stamp_ns or record.log_ns
         return finished(index, stamp_ns, cloud.points, cloud.times, self.path, stamped=self.stamped)
-
-    def _log_at_end(self, read: int) -> None:
-        for path, damage in self._bag.damages().items():
-            if path not in self._told:
-                lost = f" of {self._count}" if read < self._count else ""
-                self.remarks.append(f"{path}: {damage}; what could be read is used: {read}{lost} scans")
-                self._told.add(path)

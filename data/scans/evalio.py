@@ -1,19 +1,17 @@
 """Sequences of evalio's data sets as scans (github.com/contagon/evalio). Needs the extra `evalio`."""
 
 import difflib
-from collections.abc import Callable, Iterator
-from itertools import repeat
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from data.common.errors import EndOfScansError, UnreadableScanError, UserError, reason
+from data.common.errors import EndOfScansError, UnreadableScanError, UserError, refusing, required
 from data.scans.scan import Scan, ScanSource
 
 PREFIX = "evalio:"
-INSTALL = "pip install 'sgslam[evalio]'"
 Floats = NDArray[np.float64]
 
 
@@ -35,26 +33,22 @@ class EvalioScans(ScanSource):
         super().__init__()
         self._sequence = _found(str(name).removeprefix(PREFIX))
         self._limits = self._sequence.lidar_params()
-        self.path = _place(self._sequence)
-        try:
+        folder = Path(self._sequence.folder)  # the data may lie elsewhere
+        self.path = folder if folder.exists() else next(map(Path, self._sequence.files()), folder)
+        with refusing(f"{name}: its data in {self.path} cannot be read"):
             self._count = len(self._sequence.data_iter())
-        except Exception as error:  # data sets raise kinds of their own
-            raise UserError(f"{name}: its data in {self.path} cannot be read: {reason(error)}") from None
 
     def __len__(self) -> int:
         """The number of scans."""
         return self._count
 
-    def _jobs(self) -> Iterator[Callable[[], Scan]]:
-        self._index, self._measurements = 0, iter(self._sequence.lidar())
-        return repeat(self._next)
+    def __iter__(self) -> Iterator[Scan]:
+        self._measurements = iter(self._sequence.lidar())
+        return super().__iter__()
 
-    def _next(self) -> Scan:
-        index, self._index = self._index, self._index + 1
-        try:
+    def _read(self, index: int) -> Scan:
+        with refusing("a broken scan", kind=UnreadableScanError):
             measurement = next(self._measurements, None)
-        except Exception as error:
-            raise UnreadableScanError(reason(error)) from None
         if measurement is None:
             raise EndOfScansError
         points, times = points_in_reach(measurement, self._limits)
@@ -80,10 +74,9 @@ def points_in_reach(measurement: Any, limits: Any) -> tuple[Floats, Floats | Non
 
 
 def _found(name: str) -> Any:
-    try:
-        from evalio import datasets
-    except ImportError:
-        raise UserError(f"{PREFIX}{name}: evalio is not installed; {INSTALL}") from None
+    required("evalio", f"{PREFIX}{name}", "evalio")
+    from evalio import datasets
+
     known = datasets.all_sequences()
     if name not in known:
         near = difflib.get_close_matches(name, known, 1, 0.0)[0]
@@ -93,11 +86,3 @@ def _found(name: str) -> Any:
         folder = datasets.get_data_dir()
         raise UserError(f"{PREFIX}{name}: no data in {folder}; 'evalio dl {name}', or set EVALIO_DATA to their folder")
     return sequence
-
-
-def _place(sequence: Any) -> Path:
-    """The folder of the data, or, if they lie elsewhere, their first file."""
-    folder = Path(sequence.folder)
-    if folder.exists():
-        return folder
-    return next((Path(file) for file in sequence.files()), folder)

@@ -9,14 +9,15 @@ import os
 import re
 import struct
 from collections.abc import Callable
+from itertools import accumulate
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO
 
 import lzf
 import numpy as np
 from numpy.typing import NDArray
 
-from data.common.errors import MissingReaderError, UnreadableScanError, reason
+from data.common.errors import UnreadableScanError, refusing
 from data.scans.point_times import time_field
 
 Points = NDArray[np.floating]
@@ -35,9 +36,6 @@ _PCD_ROWS = {  # the words of a header's line: PCL's default for each, their for
     "POINTS": ("", r"\d{1,12}", "whole number"),
     "DATA": ("", "ascii|binary|binary_compressed", "of ascii, binary, binary_compressed"),
 }
-_WIDTHS = (4, 3, 5)  # float32 values of a point in a .bin: KITTI; x y z alone; nuScenes
-_FEWEST = 300  # values: fewer say nothing about the width
-_SEEN = 60_000  # values that are looked at, a multiple of each width
 
 
 def is_scan(path: Path) -> bool:
@@ -53,49 +51,19 @@ def read_points(path: Path) -> Points:
 def read_timed(path: Path) -> tuple[Points, Times]:
     """Returns the scan's points (N, 3), float32 or float64 as stored, and their times (N,) as stored, or None.
 
-    Raises UnreadableScanError if anything is wrong with the file, MissingReaderError if an extra is needed.
+    Raises UnreadableScanError if anything is wrong with the file, UserError if an extra is needed.
     """
-    try:
+    with refusing("a broken file", kind=UnreadableScanError):  # one bad scan must not end a run
         points, times = READERS[path.suffix.lower()](path)
-    except (MissingReaderError, UnreadableScanError):
-        raise
-    except FileNotFoundError:
-        raise UnreadableScanError("the file is gone") from None
-    except Exception as error:  # parsers raise anything on garbage; one bad scan must not end a run
-        raise UnreadableScanError(reason(error)) from None
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
         raise UnreadableScanError("its points are not three numbers each")
     return points, times if times is not None and times.shape == (len(points),) else None
 
 
 def _read_bin(path: Path) -> tuple[Points, Times]:
-    values = np.fromfile(path, "<f4")
-    width = _values_a_point(values)
-    if (size := path.stat().st_size) % (4 * width):
-        raise UnreadableScanError(
-            f"{size} bytes are not a whole number of points of {width} float32: x y z intensity as in KITTI, x y z, or "
-            "x y z intensity ring as in nuScenes"
-        )
-    return values.reshape(-1, width)[:, :3], None
-
-
-def _values_a_point(values: NDArray[np.float32]) -> int:
-    """How many values a point has, in a file that does not say it: 4, unless it certainly has 3 or 5.
-
-    In columns of the right width like stands below like: neighbours differ least, and so do points in any other order.
-    """
-    count = len(values)
-    if count < _FEWEST or (count % 4 == 0 and count % 3 and count % 5):
-        return 4
-    # a logarithm beyond 1 m, so that no single value decides
-    head = np.arcsinh(np.nan_to_num(values[: min(_SEEN, count // 60 * 60)]))
-    spreads = []
-    for width in _WIDTHS:
-        rows = head.reshape(-1, width)
-        shuffled = np.random.default_rng(0).permutation(rows)
-        spreads.append([float(np.abs(np.diff(own, axis=0)).mean()) for own in (rows, shuffled)])
-    best = {_WIDTHS[k] for k in np.argmin(spreads, axis=0)}
-    return best.pop() if len(best) == 1 else 4
+    if (size := path.stat().st_size) % 16:
+        raise UnreadableScanError(f"{size} bytes are not a whole number of x y z intensity in float32, as KITTI has it")
+    return np.fromfile(path, "<f4").reshape(-1, 4)[:, :3], None
 
 
 def _read_npy(path: Path) -> tuple[Points, Times]:
@@ -137,53 +105,37 @@ def _read_ply(path: Path) -> tuple[Points, Times]:
 
 def _read_pcd(path: Path) -> tuple[Points, Times]:
     with open(path, "rb") as file:
-        header, points, encoding = _pcd_header(file)
-        fields = {field.name: field for field in reversed(header) if field.repeats == 1}
-        name = time_field([*reversed(fields)])
-        wanted = [fields[own] for own in (*XYZ, name) if own in fields]
-        if len(wanted) < 3 + (name is not None):
-            raise UnreadableScanError("it has no fields x, y, z")
+        rows = _pcd_rows(file)
+        names = rows.get("FIELDS") or rows.get("COLUMNS", [])  # before version 0.7
+        (encoding,) = _pcd_row(rows, "DATA", 1)
+        loose, width = encoding == "ascii", len(names)
+        sizes, types, counts = (_pcd_row(rows, name, width, loose) for name in ("SIZE", "TYPE", "COUNT"))
+        shape = ("POINTS",) if "POINTS" in rows else ("WIDTH", "HEIGHT")
+        points = math.prod(int(_pcd_row(rows, name, 1)[0]) for name in shape)
+        repeats = list(map(int, counts))
+        if sum(repeats) > LONGEST_RECORD:
+            raise UnreadableScanError(f"its header claims {sum(repeats)} values a point")
+        kinds = [np.dtype(f"<{kind.replace('d', 'f')}{size}") for kind, size in zip(types, sizes, strict=True)]
+        single = {name: k for k, name in reversed([*enumerate(names)]) if repeats[k] == 1}
+        time = time_field([*reversed(single)])
+        if not set(XYZ) <= set(single):
+            raise UnreadableScanError("its header has no line FIELDS with x, y, z")
+        wanted = [single[name] for name in (*XYZ, time) if name is not None]
         if not points:
             return np.empty((0, 3)), None
-        starts = [header[: header.index(field)] for field in wanted]
         if encoding == "ascii":
-            table = _pcd_ascii(file, points, [sum(field.repeats for field in before) for before in starts])
-            return table[:, :3], None if name is None else table[:, 3]
-        step, packed = _size_of(header), encoding != "binary"
+            table = _pcd_ascii(file, points, [sum(repeats[:k]) for k in wanted])
+            return table[:, :3], None if time is None else table[:, 3]
+        *starts, step = [0, *accumulate(kind.itemsize * n for kind, n in zip(kinds, repeats, strict=True))]
+        packed = encoding != "binary"
         data = _pcd_data(file, points * step, packed)
         # packed, it holds field after field, else point after point
         columns: list[NDArray[Any]] = [
-            np.ndarray((points,), field.kind, data, _size_of(before) * (points if packed else 1),
-                       (field.kind.itemsize if packed else step,))
-            for field, before in zip(wanted, starts, strict=True)
+            np.ndarray((points,), kinds[k], data, starts[k] * (points if packed else 1),
+                       (kinds[k].itemsize if packed else step,))
+            for k in wanted
         ]  # fmt: skip
-        return np.stack(columns[:3], axis=1), None if name is None else columns[3].copy()
-
-
-class _Field(NamedTuple):
-    name: str
-    kind: np.dtype[Any]
-    repeats: int
-
-
-def _size_of(fields: list[_Field]) -> int:
-    return sum(field.kind.itemsize * field.repeats for field in fields)
-
-
-def _pcd_header(file: BinaryIO) -> tuple[list[_Field], int, str]:
-    """The fields, the number of points and the encoding; the file is then at the first byte of data."""
-    rows = _pcd_rows(file)
-    names = rows.get("FIELDS") or rows.get("COLUMNS", [])  # before version 0.7
-    if not set(XYZ) <= set(names):
-        raise UnreadableScanError("its header has no line FIELDS with x, y, z")
-    (encoding,) = _pcd_row(rows, "DATA", 1)
-    sizes, types, counts = (_pcd_row(rows, name, len(names), encoding == "ascii") for name in ("SIZE", "TYPE", "COUNT"))
-    if sum(map(int, counts)) > LONGEST_RECORD:
-        raise UnreadableScanError(f"its header claims {sum(map(int, counts))} values a point")
-    kinds = [np.dtype(f"<{kind.replace('d', 'f')}{size}") for kind, size in zip(types, sizes, strict=True)]
-    fields = [_Field(name, kind, int(count)) for name, kind, count in zip(names, kinds, counts, strict=True)]
-    shape = ("POINTS",) if "POINTS" in rows else ("WIDTH", "HEIGHT")
-    return fields, math.prod(int(_pcd_row(rows, name, 1)[0]) for name in shape), encoding
+        return np.stack(columns[:3], axis=1), None if time is None else columns[3].copy()
 
 
 def _pcd_rows(file: BinaryIO) -> dict[str, list[str]]:

@@ -75,14 +75,14 @@ class StampRule:
         )
 
 
-def unusable(stamps_ns: Sequence[int]) -> int:
-    """The number of scans whose stamps cannot be used."""
+def unusable(stamps_ns: Sequence[int]) -> dict[int, str]:
+    """The scans whose stamps cannot be used, by their index, with the reason."""
     rule = StampRule()
 
     def judge(index: int, stamp_ns: int) -> str | None:
         return rule.judge(index, stamp_ns, lambda: stamps_ns[index + 1 : index + 1 + LOOK_AHEAD])
 
-    return sum(judge(index, stamp_ns) is not None for index, stamp_ns in enumerate(stamps_ns))
+    return {index: why for index, stamp_ns in enumerate(stamps_ns) if (why := judge(index, stamp_ns))}
 
 
 def check_interval(stamps_ns: Sequence[int], where: str) -> None:

@@ -2,9 +2,10 @@
 
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import count, islice
 from pathlib import Path
 from typing import Any
@@ -79,10 +80,9 @@ class ScanSource(ABC):
         """The number of scans, readable or not."""
 
     @abstractmethod
-    def _jobs(self) -> Iterator[Callable[[], Scan]]:
-        """Functions that read each scan, in order; they raise UnreadableScanError on failure, EndOfScansError at
-        the end.
-        """
+    def _read(self, index: int) -> Scan:
+        """Reads a scan; called in order, by another thread. Raises UnreadableScanError on failure, EndOfScansError
+        where there are fewer scans than it seemed."""
 
     def _name(self, index: int) -> tuple[Path, str]:
         """The file of a scan and its name."""
@@ -96,7 +96,7 @@ class ScanSource(ABC):
         """
         self.skipped, self.remarks, rule, turns = [], [], StampRule(), TurnTimes()
         with ThreadPoolExecutor(1) as reader:
-            jobs = self._jobs()
+            jobs = (partial(self._read, index) for index in range(len(self)))
             ahead: deque[Future[Scan]] = deque(reader.submit(job) for job in islice(jobs, _AHEAD))
             for index in count():
                 if not ahead:

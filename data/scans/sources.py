@@ -1,8 +1,6 @@
 """Opens scans in any form: a folder of scans, a bag, an E57 file, a sequence of evalio's."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +12,7 @@ from data.scans.evalio import EvalioScans, is_evalio
 from data.scans.formats import READERS, is_scan, read_timed
 from data.scans.point_times import Stamped, check_interval, unusable
 from data.scans.scan import WORST_SHARE_SKIPPED, Scan, ScanSource, finished
-from data.trajectory.stamps import NOTE_INDICES, SCAN_PERIOD_NS, check_increasing, read_times, stamps_from_names
+from data.trajectory.stamps import NOTE_INDICES, SCAN_PERIOD_NS, read_times, stamps_from_names, times_of
 
 _INSIDE = (*READERS, ".bag", ".mcap", ".db3")  # what a folder may hold to be given instead of the one above it
 _PACKETS = (".pcap", ".pcapng", ".lvx", ".lvx2")  # of the drivers of spinning sensors and of Livox
@@ -41,15 +39,16 @@ class ScanFolder(ScanSource):
         if kitti.name == "velodyne" and all((kitti.parent / name).is_file() for name in ("calib.txt", "times.txt")):
             self.stamped = "middle"  # when the LiDAR faces forward and the cameras are triggered
         check_interval(stamps, str(self.path))
-        if unusable(stamps) > WORST_SHARE_SKIPPED * len(stamps):
-            check_increasing(self.stamps_ns, str(self.path), [f"'{f.name}'" for f in self.files])
+        if len(bad := unusable(stamps)) > WORST_SHARE_SKIPPED * len(stamps):
+            first, why = next(iter(bad.items()))
+            raise UserError(
+                f"{self.path}: {len(bad)} of {len(stamps)} scans have wrong stamps, more than a fifth; the first is "
+                f"{self.files[first].name}: {why}"
+            )
 
     def __len__(self) -> int:
         """The number of scans in the folder, readable or not."""
         return len(self.files)
-
-    def _jobs(self) -> Iterator[Callable[[], Scan]]:
-        return (partial(self._read, index) for index in range(len(self)))
 
     def _name(self, index: int) -> tuple[Path, str]:
         return self.files[index], self.files[index].name
@@ -90,14 +89,11 @@ def _where_else(path: Path) -> str:
 
 def _order_and_stamps(path: Path, files: list[Path]) -> tuple[list[Path], list[int], str | None]:
     """The files in order, their stamps (ns), and a note on the stamps for the user."""
-    for times in (path / "times.txt", path.resolve().parent / "times.txt"):
-        if times.is_file():
-            stamps = read_times(times)
-            if len(stamps) != len(files):
-                raise UserError(
-                    f"{times}: {len(stamps)} stamps for the {len(files)} scans in {path}; give one line for each scan"
-                )
-            return files, stamps, None
+    if times := times_of(path):
+        stamps = read_times(times)
+        if len(stamps) != len(files):
+            raise UserError(f"{times}: {len(stamps)} stamps for the {len(files)} scans in {path}; give a line for each")
+        return files, stamps, None
     named = stamps_from_names(files)
     if named is None:
         return files, [i * SCAN_PERIOD_NS for i in range(len(files))], NOTE_INDICES

@@ -2,8 +2,6 @@
 scan each (ASPRS LAS 1.4 R15)."""
 
 import struct
-from collections.abc import Callable, Iterator
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -11,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from data.common.errors import MissingReaderError, UnreadableScanError, UserError, reason
+from data.common.errors import UnreadableScanError, UserError, refusing, required
 from data.geometry.poses import xyzquat_to_poses
 from data.scans.point_times import time_field
 from data.scans.scan import Scan, ScanSource, finished
@@ -23,8 +21,6 @@ _SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 _INVALID = ("cartesianInvalidState", "sphericalInvalidState")
 BEST_RATIO = 200  # bytes that LAZ and E57 make of one
 
-INSTALL = "pip install 'sgslam[scans]'"
-
 
 class E57Scans(ScanSource):
     """The scans of an E57 file, each in its scanner's frame. If all have poses, these serve as odometry."""
@@ -33,13 +29,11 @@ class E57Scans(ScanSource):
         """Reads the file's list of scans. Raises UserError if it cannot be read, is empty, or pye57 is missing."""
         super().__init__()
         self.path = Path(path)
-        self._file = _opened(self.path)
-        try:
+        with refusing(f"{self.path}: a broken E57 file", "export it again"):
+            self._file = _opened(self.path)
             heads = [self._file.get_header(k) for k in range(self._file.scan_count)]
             begins = [_begin(head) for head in heads]
             poses = [_pose(head) for head in heads]
-        except Exception as error:  # libE57 raises kinds of its own
-            raise UserError(f"{self.path}: a broken E57 file ({reason(error)}); export it again") from None
         if not heads:
             raise UserError(f"{self.path}: contains no scans; give an E57 file with scans")
         known = [begin for begin in begins if begin is not None]
@@ -56,16 +50,11 @@ class E57Scans(ScanSource):
         """The number of scans in the file."""
         return len(self._counts)
 
-    def _jobs(self) -> Iterator[Callable[[], Scan]]:
-        return (partial(self._read, k) for k in range(len(self)))
-
     def _read(self, index: int) -> Scan:
         if self._counts[index] > BEST_RATIO * self.path.stat().st_size:
             raise UnreadableScanError(f"its header claims {self._counts[index]} points")
-        try:
+        with refusing("a broken scan", kind=UnreadableScanError):
             points, times = self._stored(index)
-        except Exception as error:
-            raise UnreadableScanError(f"a broken scan ({reason(error)})") from None
         pose = None if self._poses is None else self._poses[index]
         assert self.stamps_ns is not None
         return finished(index, int(self.stamps_ns[index]), points, times, self.path, pose, self.stamped)
@@ -93,20 +82,14 @@ class E57Scans(ScanSource):
 
 
 def _opened(path: Path) -> Any:
-    try:
-        import pye57
-    except ModuleNotFoundError:
-        raise UserError(f"{path}: E57 needs pye57: {INSTALL}") from None
+    pye57 = required("pye57", f"{path}: E57", "scans")
     if not path.is_file():
         raise UserError(f"{path}: no such file; give an E57 file")
     with path.open("rb") as file:
         head = file.read(48)
     if len(head) < 48 or head[:8] != b"ASTM-E57" or struct.unpack_from("<Q", head, 16)[0] != path.stat().st_size:
         raise UserError(f"{path}: not an E57 file, or cut off; give a complete one")
-    try:
-        return pye57.E57(str(path))
-    except Exception as error:
-        raise UserError(f"{path}: a broken E57 file ({reason(error)}); export it again") from None
+    return pye57.E57(str(path))
 
 
 def _begin(head: Any) -> int | None:
@@ -129,13 +112,10 @@ def _pose(head: Any) -> NDArray[np.float64] | None:
 
 
 def read_las(path: Path) -> tuple[NDArray[np.float64], NDArray[Any] | None]:
-    """Points (N, 3) and their times (N,) as stored, those of GPS or an extra dimension. Raises UnreadableScanError,
-    MissingReaderError.
+    """Points (N, 3) and their times (N,) as stored, those of GPS or an extra dimension. Raises UnreadableScanError, and
+    UserError without laspy.
     """
-    try:
-        import laspy
-    except ModuleNotFoundError:
-        raise MissingReaderError(f"{path}: LAS needs laspy: {INSTALL}") from None
+    laspy = required("laspy", f"{path}: LAS", "scans")
     _check_las(path)
     try:
         # by one thread: a panic in another one ends the process

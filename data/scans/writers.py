@@ -20,16 +20,7 @@ def _with_intensity(points: Points) -> Points:
     return np.column_stack([points, np.zeros(len(points), np.float32)])
 
 
-def _write_bin(path: Path, points: Points, times: Times = None) -> None:
-    """KITTI: float32 x y z intensity."""
-    _with_intensity(points).tofile(path)
-
-
-def _write_npy(path: Path, points: Points, times: Times = None) -> None:
-    np.save(path, points)
-
-
-def _write_pcd(path: Path, points: Points, times: Times = None) -> None:
+def _write_pcd(path: Path, points: Points, times: Times) -> None:
     names = ["x", "y", "z", "intensity", *(["time"] if times is not None else [])]
     rows = np.column_stack([_with_intensity(points), *([times] if times is not None else [])])
     header = f"VERSION 0.7\nFIELDS {' '.join(names)}\n"
@@ -39,15 +30,11 @@ def _write_pcd(path: Path, points: Points, times: Times = None) -> None:
     path.write_bytes(header.encode() + rows.astype("<f4").tobytes())
 
 
-def _write_ply(path: Path, points: Points, times: Times = None) -> None:
-    write_ply(path, points, scalars=None if times is None else {"time": times})
-
-
 SCAN_WRITERS: dict[str, Callable[[Path, Points, Times], None]] = {
-    "bin": _write_bin,
+    "bin": lambda path, points, times: _with_intensity(points).tofile(path),  # KITTI
     "pcd": _write_pcd,
-    "ply": _write_ply,
-    "npy": _write_npy,
+    "ply": lambda path, points, times: write_ply(path, points, scalars=None if times is None else {"time": times}),
+    "npy": lambda path, points, times: np.save(path, points),
 }
 WITH_TIMES = ("pcd", "ply")  # formats that hold the points' times
 

@@ -31,17 +31,12 @@ Pose = tuple[float, float, float, float, float, float, float]  # x y z, and a qu
 
 @dataclass(frozen=True)
 class SceneGraph:
-    """A building as planned (A-graph) or as mapped (S-graph). Immutable; ids are unique within the graph.
+    """A building as planned (A-graph, frame `bim`) or as mapped (S-graph, frame `map`). Immutable. Only a plan has
+    `level_surfaces`, if it has heights.
 
-    Attributes:
-        frame: Name of the frame of all coordinates: `bim` or `map`.
-        rooms, wall_surfaces, doors, floors, keyframes: The nodes of the graph.
-        level_surfaces: Floors and ceilings, empty where the plan has no heights; of a plan only.
-
-    Raises:
-        UserError: An id is used twice, a surface refers to a missing room, a centroid or a normal is not (x, y), a
-            normal is not a unit vector, a length is not positive, a level surface is steep or has no polygon, or a
-            number is not finite.
+    Raises UserError where an id is used twice, a surface refers to a missing room, a centroid or a normal is not
+    (x, y), a normal is not a unit vector, a length is not positive, a level surface is steep or has no polygon, or a
+    number is not finite.
     """
 
     frame: str
@@ -53,7 +48,6 @@ class SceneGraph:
     level_surfaces: tuple[LevelSurface, ...] = ()
 
     def __post_init__(self) -> None:
-        """Checks the graph; see the class for what is refused. Raises UserError."""
         everything: list[Room | WallSurface | Door | Floor | Keyframe | LevelSurface] = [
             *self.rooms, *self.wall_surfaces, *self.doors, *self.floors, *self.keyframes, *self.level_surfaces
         ]  # fmt: skip
@@ -104,11 +98,8 @@ class SceneGraph:
         return {room: tuple(own) for room, own in found.items()}
 
     def on_floor(self, floor: str | None) -> "SceneGraph":
-        """Returns the part of the graph on one floor, given by id; None selects nodes without a floor.
-
-        Wall and level surfaces are where their room is, and a room without a floor is where its first wall surface
-        with one is.
-        """
+        """The part of the graph on one floor, given by id; None selects nodes without a floor. Wall and level surfaces
+        are where their room is, and a room without a floor is where its first wall surface with one is."""
         of_walls = {w.room: w.floor for w in reversed(self.wall_surfaces) if w.floor is not None}
         floor_of = {r.id: of_walls.get(r.id) if r.floor is None else r.floor for r in self.rooms}
         rooms = tuple(r for r in self.rooms if floor_of[r.id] == floor)
@@ -126,20 +117,18 @@ class SceneGraph:
         )
 
     def centroid(self) -> NDArray[np.float64]:
-        """Returns (2,) the mean of the rooms' centroids in metres, or of the wall surfaces' if there are no rooms."""
+        """(2,) the mean of the rooms' centroids, or of the wall surfaces' if there are no rooms."""
         points = [r.centroid for r in self.rooms] or [w.centroid for w in self.wall_surfaces] or [(0.0, 0.0)]
         return np.mean(np.asarray(points, dtype=float), axis=0)
 
     def to_dict(self) -> dict[str, Any]:
-        """Returns the graph as plain data in the form of `scene_graph.schema.json`, version 1."""
+        """The graph as plain data in the form of `scene_graph.schema.json`, version 1."""
         return {"schema_version": SCHEMA_VERSION, **{f.name: _plain(getattr(self, f.name)) for f in fields(self)}}
 
     @staticmethod
     def from_dict(value: Any) -> "SceneGraph":
-        """Creates a graph from the form of `to_dict`; unknown properties are ignored.
-
-        Raises UserError if the data does not have this form, or as the constructor does.
-        """
+        """A graph of the form of `to_dict`; unknown properties are ignored. Raises UserError for other data, and as the
+        constructor does."""
         if not isinstance(value, dict) or value.get("schema_version") != SCHEMA_VERSION:
             raise UserError("scene graph: not a scene graph of schema_version 1")
         if missing := [name for name in ("frame", "rooms", "wall_surfaces") if name not in value]:
@@ -158,11 +147,8 @@ class SceneGraph:
 
     @staticmethod
     def load(path: Path | str, part: str | None = None) -> "SceneGraph":
-        """Reads a graph from a JSON file.
-
-        If the file holds an object with the key `part`, the graph is read from there (for example `a_graph` in a file
-        of a pair of graphs). Raises UserError, naming the file, if it is missing or does not hold a scene graph.
-        """
+        """Reads a graph from a JSON file, if it has the key `part` from there (such as `a_graph` in a file of a pair of
+        graphs). Raises UserError, naming the file, if it is missing or does not hold a scene graph."""
         value = read_json(path, "a scene graph's JSON file")
         try:
             return SceneGraph.from_dict(value[part] if isinstance(value, dict) and part in value else value)
@@ -194,7 +180,7 @@ def _numbers(value: Any) -> Iterable[float]:
 
 
 def implausible(graph: SceneGraph) -> str | None:
-    """Returns what seems to be wrong with a graph, in one line; None if nothing does.
+    """What seems to be wrong with a graph, in one line; None if nothing does.
 
     Lengths seem to be in millimetres or centimetres if half of the walls are longer than 50 m or, if no length is
     known, farther than that from their room's centroid. Normals seem to be flipped if there are at least four walls

@@ -1,6 +1,7 @@
 """The nodes of a scene graph: floors, rooms, wall surfaces, level surfaces, doors and keyframes.
 
-Lengths are in metres, angles in radians, coordinates in the graph's frame.
+Lengths are in metres, angles in radians, coordinates in the graph's frame. Ids are unique within the graph; `floor` and
+`room` are those of other nodes. None is unknown.
 """
 
 from collections.abc import Sequence
@@ -24,7 +25,7 @@ def xy_of(point: Sequence[float] | NDArray[np.float64]) -> Xy:
 
 @dataclass(frozen=True)
 class Floor:
-    """A storey. `elevation` is the z of its finished floor in metres, None if unknown."""
+    """A storey; `elevation` is the z of its finished floor."""
 
     id: str
     name: str = ""
@@ -33,15 +34,8 @@ class Floor:
 
 @dataclass(frozen=True)
 class Room:
-    """A room or corridor.
-
-    Attributes:
-        id: Unique within the graph.
-        centroid: (x, y) in metres.
-        floor: Id of the floor, None if unknown.
-        name: The name in the plan.
-        polygon: Outer ring of the footprint as (x, y) in metres, without repeating the first corner; None if unknown.
-    """
+    """A room or corridor: `centroid` (x, y) in metres, and `polygon`, the outer ring of its footprint as (x, y) without
+    repeating the first corner."""
 
     id: str
     centroid: Xy
@@ -52,21 +46,14 @@ class Room:
 
 @dataclass(frozen=True)
 class WallSurface:
-    """One side of a wall.
+    """One side of a wall; metres.
 
-    Attributes:
-        id: Unique within the graph.
-        room: Id of the room that the surface faces, None if unknown.
-        centroid: (x, y) of the footprint's mid point in metres.
-        normal: (x, y) unit vector into the room.
-        length: Length of the footprint in metres, None if unknown.
-        floor: Id of the floor, None if unknown.
-        source: What the surface was read from, for example the wall's GlobalId in the IFC file.
-        height: z of the lower and the upper edge in metres: in the BIM frame for a plan, above the floor for a map.
-        plane: (nx, ny, nz, d) with n.x + d = 0, None if unknown.
-        parts: Where which wall stands along a planned surface: (source, from, to, whether full-height rather than below
-            a window). Positions are metres from the mid point, to the left when looking along the normal. The gaps
-            between parts are doors and other openings.
+    `room` is the one that it faces, `centroid` (x, y) its mid point, `normal` (x, y) a unit vector into the room,
+    `plane` (nx, ny, nz, d) with n.x + d = 0. `source` is what it was read from, for example the wall's GlobalId in the
+    IFC file. `height` is the z of the lower and the upper edge: in the BIM frame for a plan, above the floor for a map.
+    `parts` tell where which wall stands along a planned surface: (source, from, to, whether full-height rather than
+    below a window), from the mid point to the left when looking along the normal; gaps between them are doors and other
+    openings.
     """
 
     id: str
@@ -81,7 +68,7 @@ class WallSurface:
     parts: tuple[tuple[str, Number, Number, Annotated[bool, Field(strict=True)]], ...] = ()
 
     def ends(self) -> tuple[Xy, Xy]:
-        """Returns both end points (x, y) of the footprint, the left one (looking along the normal) first."""
+        """The end points of the footprint, the left one (looking along the normal) first."""
         half = (self.length or 0.0) / 2
         (cx, cy), (nx, ny) = self.centroid, self.normal
         return (cx - ny * half, cy + nx * half), (cx + ny * half, cy - nx * half)
@@ -90,18 +77,12 @@ class WallSurface:
 @dataclass(frozen=True)
 class LevelSurface:
     """A planned floor or ceiling of a room, as far as it can be seen from there: level, or a slope of at most 15
-    degrees. Those of one `source` and plane are parts of one surface.
+    degrees. Those of one `source`, a slab's GlobalId in an IFC file, and plane are parts of one surface.
 
-    Attributes:
-        id: Unique within the graph.
-        plane: (nx, ny, nz, d) with n.x + d = 0; n points up from a floor, down from a ceiling.
-        polygon: Outer ring of the visible part in plan view as (x, y) in metres, without repeating the first corner.
-        holes: Its inner rings likewise.
-        room: Id of the room over the floor or under the ceiling, None outside all rooms.
-        floor: Id of the storey, None if unknown.
-        source: What the surface was read from, for example the slab's GlobalId in the IFC file.
-        kind: The class of its source, for example `IfcCovering`; empty if unknown.
-        stated: Whether the plan has the surface itself or its height; False for one that only bounds a space.
+    `plane` is (nx, ny, nz, d) with n.x + d = 0; n points up from a floor, down from a ceiling. `polygon` and `holes`
+    are the rings of the visible part in plan view as (x, y) in metres, without repeating the first corner. `room` is
+    the one over the floor or under the ceiling, None outside all rooms, `kind` the class of its source, such as
+    `IfcCovering`. `stated`: the plan has the surface itself or its height; False for one that only bounds a space.
     """
 
     id: str
@@ -120,16 +101,14 @@ class LevelSurface:
         return self.plane[2] > 0
 
     def height(self, x: float, y: float) -> float:
-        """Returns the z of the surface's plane at (x, y), all in metres."""
+        """The z of the surface's plane at (x, y)."""
         nx, ny, nz, d = self.plane
         return -(nx * x + ny * y + d) / nz
 
 
 @dataclass(frozen=True)
 class Door:
-    """A door or passage. `rooms` holds the ids of the rooms it joins (one for an outer door), `centroid` is (x, y) and
-    `width` its width, both in metres; None where it is unknown.
-    """
+    """A door or passage; `rooms` are those that it joins (one for an outer door)."""
 
     id: str
     rooms: tuple[str, ...]
@@ -139,16 +118,8 @@ class Door:
 
 @dataclass(frozen=True)
 class Keyframe:
-    """A pose of the sensor in the map.
-
-    Attributes:
-        id: Unique within the graph.
-        stamp_ns: Time in nanoseconds.
-        pose: T_map_sensor as (x, y, z, qx, qy, qz, qw); metres and a unit quaternion.
-        floor: Id of the floor, None if unknown.
-        room: Id of the room, None if unknown.
-        observes: Ids of the wall surfaces observed from here.
-    """
+    """A pose of the sensor in the map: T_map_sensor as (x, y, z, qx, qy, qz, qw), metres and a unit quaternion. `room`
+    is that where it is, `observes` are the ids of the wall surfaces that were seen from there."""
 
     id: str
     stamp_ns: Annotated[int, Field(strict=True, ge=-(2**63), lt=2**63)]

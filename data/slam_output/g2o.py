@@ -1,9 +1,8 @@
 """Factor graphs in `.g2o` files: those of S-Graphs with planes and rooms, and poses with the covariances of the motions
 between them."""
 
-import math
 import sys
-from collections.abc import Iterator
+from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,24 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
-from data.common.files import text_lines
+from data.common.files import parsed_lines
 from data.geometry.poses import xyzquat_to_poses
 from data.scene_graph.graph import SceneGraph
 from data.scene_graph.nodes import Room, WallSurface, xy_of
-from data.trajectory.readers import PoseList
+from data.trajectory.trajectory import PoseList
 
 _CROSSING = 0.5  # sine of the angle at which one wall of a room bounds another
-_FIELDS = {  # tag -> (ids, numbers that are read); what follows them on a line has no meaning here
-    "VERTEX_SE3:QUAT": (1, 7), "VERTEX_PLANE": (1, 4), "VERTEX_ROOM": (1, 3),
-    "EDGE_SE3:QUAT": (2, 28), "EDGE_SE3_PLANE": (2, 10), "EDGE_2PLANES": (2, 0),
-    "EDGE_ROOM_4PLANES": (5, 0),  # its measurement is never set: a room is where its planes are
-}  # fmt: skip
 _POSE, _PLANE, _ROOM = "VERTEX_SE3:QUAT", "VERTEX_PLANE", "VERTEX_ROOM"
-_JOINS = {
-    "EDGE_SE3:QUAT": (_POSE, _POSE),
-    "EDGE_SE3_PLANE": (_POSE, _PLANE),
-    "EDGE_2PLANES": (_PLANE, _PLANE),
-    "EDGE_ROOM_4PLANES": (_ROOM, _PLANE, _PLANE, _PLANE, _PLANE),
+_STEP, _SEEN, _WALLS = "EDGE_SE3:QUAT", "EDGE_SE3_PLANE", "EDGE_ROOM_4PLANES"
+_FIELDS: dict[str, tuple[tuple[str, ...], int]] = {  # what the ids are, and how many numbers are read after them
+    _POSE: ((_POSE,), 7),
+    _PLANE: ((_PLANE,), 4),
+    _ROOM: ((_ROOM,), 3),
+    _STEP: ((_POSE, _POSE), 28),
+    _SEEN: ((_POSE, _PLANE), 4),
+    _WALLS: ((_ROOM, _PLANE, _PLANE, _PLANE, _PLANE), 0),  # its measurement is never set
 }
 _UNIT = 1e-3  # by which a unit vector may be off: files are written with six digits
 Floats = NDArray[np.float64]
@@ -49,21 +46,19 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class PlaneSeen:
-    """A plane (nx, ny, nz, d), n.x + d = 0, in a keyframe's frame; `information` (3, 3) of azimuth, elevation (rad) and
-    d (m)."""
+    """A plane (nx, ny, nz, d), n.x + d = 0, in a keyframe's frame."""
 
     keyframe: int
     plane: int
     plane_in_sensor: Floats
-    information: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class PlaneGraph:
     """Keyframes as T_map_sensor (4, 4), planes (4,) and room centres (3,) in the map frame, by their ids in the file.
 
-    `walls` are the planes that bound each room, `same` pairs of planes of one wall. `refused` has a line for everything
-    left out because its numbers were never set.
+    `walls` are the planes that bound each room. `refused` has a line for everything left out because its numbers were
+    never set.
     """
 
     keyframes: dict[int, Floats]
@@ -72,7 +67,6 @@ class PlaneGraph:
     walls: dict[int, tuple[int, ...]]
     steps: tuple[Step, ...]
     seen: tuple[PlaneSeen, ...]
-    same: tuple[tuple[int, int], ...]
     refused: tuple[str, ...]
 
     def scene_graph(self) -> SceneGraph:
@@ -114,108 +108,63 @@ def read_g2o(path: Path | str, poses_only: bool = False) -> PlaneGraph:
     Raises UserError, naming the line, for a file that cannot be read, a line that breaks off or holds a word in place
     of a number, a vertex whose numbers were never set, an edge to nothing, and where no keyframe or no plane is left.
     """
-    path = Path(path)
-    return _Reader(path, poses_only).read(text_lines(path, "a .g2o file"))
+    known = {_POSE, _STEP} if poses_only else set(_FIELDS)
+    kinds, fixed, refused = dict[int, str](), set[int](), list[str]()
+    rows: dict[str, list[tuple[tuple[int, ...], Floats]]] = defaultdict(list)
 
+    def look(text: str) -> None:
+        tag, *words = text.split()
+        if tag == "FIX" and not poses_only:
+            fixed.update(map(int, words))
+        elif tag in known and tag.startswith("VERTEX"):
+            if int(words[0]) in kinds:
+                raise ValueError(f"the id {words[0]} is given twice")
+            kinds[int(words[0])] = tag
 
-@dataclass(frozen=True, eq=False)
-class _Row:
-    line: int
-    tag: str
-    ids: tuple[int, ...]
-    numbers: Floats
-
-
-class _Reader:
-    def __init__(self, path: Path, poses_only: bool) -> None:
-        self._path, self._poses_only = path, poses_only
-        self._refused: list[str] = []
-
-    def read(self, lines: list[str]) -> PlaneGraph:
-        """Returns the graph of a file's lines, without what is fixed or not set. Raises UserError, naming the line."""
-        words = [(number, line.split()) for number, line in enumerate(lines, 1) if line.strip()]
-        fixed = {self._id(number, name) for number, (tag, *names) in words if tag == "FIX" for name in names}
-        tags = set(_FIELDS)
-        if self._poses_only:
-            fixed, tags = set(), {"VERTEX_SE3:QUAT", "EDGE_SE3:QUAT"}
-        rows = [self._row(number, tag, rest) for number, (tag, *rest) in words if tag in tags]
-        rows = [row for row in rows if not fixed.intersection(row.ids) and self._is_set(row)]
-        kinds: dict[int, str] = {}
-        for row in rows:
-            if row.tag.startswith("VERTEX"):
-                if row.ids[0] in kinds:
-                    raise self._bad(row.line, f"the id {row.ids[0]} is given twice")
-                kinds[row.ids[0]] = row.tag
-        for row in rows:
-            self._check_edge(row, kinds)
-        poses = {i: self._pose(number, v) for number, (i,), v in self._of(rows, "VERTEX_SE3:QUAT")}
-        planes = {i: self._plane(number, v) for number, (i,), v in self._of(rows, "VERTEX_PLANE")}
-        rooms = {i: v for _, (i,), v in self._of(rows, "VERTEX_ROOM")}
-        for kind, found in (("keyframe", poses), ("plane", planes)):
-            if not found and not (self._poses_only and kind == "plane"):
-                raise UserError(f"{self._path}: no {kind} that is not fixed; a .g2o file of S-Graphs is needed")
-        steps = [
-            Step(i, j, self._pose(n, v[:7]), _symmetric(v[7:], 6)) for n, (i, j), v in self._of(rows, "EDGE_SE3:QUAT")
-        ]
-        seen = [
-            PlaneSeen(i, j, self._plane(n, v[:4]), _symmetric(v[4:], 3))
-            for n, (i, j), v in self._of(rows, "EDGE_SE3_PLANE")
-        ]
-        walls = {ids[0]: ids[1:] for _, ids, _ in self._of(rows, "EDGE_ROOM_4PLANES")}
-        same = [(i, j) for _, (i, j), _ in self._of(rows, "EDGE_2PLANES")]
-        return PlaneGraph(poses, planes, rooms, walls, tuple(steps), tuple(seen), tuple(same), tuple(self._refused))
-
-    @staticmethod
-    def _of(rows: list[_Row], tag: str) -> Iterator[tuple[int, tuple[int, ...], Floats]]:
-        return ((row.line, row.ids, row.numbers) for row in rows if row.tag == tag)
-
-    def _row(self, line: int, tag: str, words: list[str]) -> _Row:
-        """What is read of a line. Raises UserError where it breaks off."""
-        ids, numbers = _FIELDS[tag]
-        if len(words) < ids + numbers:
-            raise self._bad(line, f"{tag} needs {ids + numbers} numbers and has {len(words)}")
-        try:
-            read = np.array([float(word) for word in words[ids : ids + numbers]])
-        except ValueError:
-            raise self._bad(line, f"{tag} has a word instead of a number") from None
-        return _Row(line, tag, tuple(self._id(line, word) for word in words[:ids]), read)
-
-    def _id(self, line: int, word: str) -> int:
-        try:
-            return int(word)
-        except ValueError:
-            raise self._bad(line, f"'{word}' is not an id") from None
-
-    def _is_set(self, row: _Row) -> bool:
-        """Whether all numbers of a row are set; otherwise an edge is refused. Raises UserError for a vertex."""
-        unset = [x for x in row.numbers.tolist() if not math.isfinite(x) or 0 < abs(x) < sys.float_info.min]
-        if not unset:
-            return True
-        message = f"{row.tag} of {' and '.join(map(str, row.ids))} holds a number that was never set ({unset[0]:g})"
-        if row.tag.startswith("VERTEX"):
-            raise self._bad(row.line, message)
-        self._refused.append(f"line {row.line}: {message}")
-        return False
-
-    def _check_edge(self, row: _Row, kinds: dict[int, str]) -> None:
-        wanted = _JOINS.get(row.tag, ())
-        for i, kind in zip(row.ids, wanted, strict=False):
+    def keep(text: str) -> None:
+        tag, *words = text.split()
+        if tag not in known:
+            return
+        joined, size = _FIELDS[tag]
+        if len(words) < len(joined) + size:
+            raise ValueError(f"{tag} needs {len(joined) + size} numbers and has {len(words)}")
+        ids = tuple(map(int, words[: len(joined)]))
+        numbers = np.array(words[len(joined) : len(joined) + size], np.float64)
+        if not fixed.isdisjoint(ids):
+            return
+        unset = numbers[~np.isfinite(numbers) | ((numbers != 0) & (np.abs(numbers) < sys.float_info.min))]
+        if len(unset):
+            message = f"{tag} of {' and '.join(map(str, ids))} holds a number that was never set ({unset[0]:g})"
+            if tag.startswith("VERTEX"):
+                raise ValueError(message)
+            refused.append(message)
+            return
+        for i, kind in zip(ids, joined, strict=True):
             if kinds.get(i) != kind:
-                raise self._bad(row.line, f"{row.tag} names {i}, which is not a {kind}")
+                raise ValueError(f"{tag} names {i}, which is not a {kind}")
+        if tag in (_POSE, _STEP) and abs(np.linalg.norm(numbers[3:7]) - 1) > _UNIT:
+            raise ValueError("a rotation is not a unit quaternion")
+        if tag in (_PLANE, _SEEN):
+            length = np.linalg.norm(numbers[:3])
+            if abs(length - 1) > _UNIT:
+                raise ValueError("a plane's normal is not a unit vector")
+            numbers = numbers / length
+        rows[tag].append((ids, numbers))
 
-    def _pose(self, line: int, xyzquat: Floats) -> Floats:
-        if abs(np.linalg.norm(xyzquat[3:]) - 1) > _UNIT:
-            raise self._bad(line, "a rotation is not a unit quaternion")
-        return xyzquat_to_poses(xyzquat)
-
-    def _plane(self, line: int, plane: Floats) -> Floats:
-        size = float(np.linalg.norm(plane[:3]))
-        if abs(size - 1) > _UNIT:
-            raise self._bad(line, "a plane's normal is not a unit vector")
-        return plane / size
-
-    def _bad(self, line: int, what: str) -> UserError:
-        return UserError(f"{self._path}, line {line}: {what}")
+    for read in (look, keep):  # an edge may come before what it joins
+        parsed_lines(path, "a .g2o file of S-Graphs", read)
+    for kind, tag in (("keyframe", _POSE), ("plane", _PLANE)):
+        if tag in known and tag not in rows:
+            raise UserError(f"{path}: no {kind} that is not fixed; a .g2o file of S-Graphs is needed")
+    return PlaneGraph(
+        {i: xyzquat_to_poses(v) for (i,), v in rows[_POSE]},
+        {i: v for (i,), v in rows[_PLANE]},
+        {i: v for (i,), v in rows[_ROOM]},
+        {ids[0]: ids[1:] for ids, _ in rows[_WALLS]},
+        tuple(Step(i, j, xyzquat_to_poses(v[:7]), _symmetric(v[7:], 6)) for (i, j), v in rows[_STEP]),
+        tuple(PlaneSeen(i, j, v) for (i, j), v in rows[_SEEN]),
+        tuple(refused),
+    )
 
 
 def _symmetric(upper: Floats, size: int) -> Floats:

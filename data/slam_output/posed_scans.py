@@ -1,6 +1,6 @@
 """Scans with the poses that another SLAM system found for them."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from data.common.errors import UserError
 from data.scans.scan import Scan, ScanSource
 from data.trajectory import Trajectory
-from data.trajectory.readers import PoseList
 from data.trajectory.stamps import NOTE_INDICES, NS, SCAN_PERIOD_NS, ns_to_seconds
+from data.trajectory.trajectory import PoseList
 
 Floats = NDArray[np.float64]
 _GAP_NS = NS  # longest gap between two poses that is interpolated
@@ -121,8 +121,8 @@ class PosedScans(ScanSource):
             return None
         return replace(scan, T_odom_sensor=self.given.at(stamps)[0], point_times=times)
 
-    def _jobs(self) -> Iterator[Callable[[], Scan]]:
-        return self._scans._jobs()
+    def _read(self, index: int) -> Scan:
+        return self._scans._read(index)
 
 
 def _duration_ns(scans: ScanSource) -> int:

@@ -6,10 +6,9 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from data.common.errors import UserError
-from data.common.files import numbered_lines
+from data.common.files import parsed_lines
 
 NS = 1_000_000_000
 SCAN_PERIOD_NS = NS // 10
@@ -71,35 +70,21 @@ def stamps_from_names(files: Sequence[Path]) -> list[int] | None:
     Raises UserError where only some names do.
     """
     stamps = [stamp_of(file) for file in files]
-    known = [stamp for stamp in stamps if stamp is not None]
+    known = {file: stamp for file, stamp in zip(files, stamps, strict=True) if stamp is not None}
     if known and len(known) < len(stamps):
-        with_stamp = next(f for f, stamp in zip(files, stamps, strict=True) if stamp is not None)
-        without = next(f for f, stamp in zip(files, stamps, strict=True) if stamp is None)
+        file, other = next(iter(known)), next(file for file in files if file not in known)
         raise UserError(
-            f"{with_stamp.parent}: the name '{with_stamp.name}' carries a stamp and '{without.name}' "
-            "does not; give every scan a stamp, or write times.txt"
+            f"{file.parent}: the name '{file.name}' carries a stamp and '{other.name}' does not; give every scan a "
+            "stamp, or write times.txt"
         )
-    return known or None
+    return list(known.values()) or None
+
+
+def times_of(folder: Path) -> Path | None:
+    """The `times.txt` of a folder of scans, in it or beside it."""
+    return next((t for t in (folder / "times.txt", folder.resolve().parent / "times.txt") if t.is_file()), None)
 
 
 def read_times(path: Path) -> list[int]:
     """Reads stamps (ns) from a file with one float second per line; blank lines and `#` comments are skipped."""
-    stamps = []
-    for number, text in numbered_lines(path, "one stamp per line, in seconds"):
-        try:
-            stamps.append(seconds_to_ns(text))
-        except ValueError as error:
-            raise UserError(f"{path}, line {number}: {error}; give one stamp per line, in seconds") from None
-    return stamps
-
-
-def check_increasing(stamps_ns: NDArray[np.int64], where: str, names: Sequence[str]) -> None:
-    """Raises UserError, naming the first pair, if a stamp repeats or goes backwards."""
-    bad = np.flatnonzero(stamps_ns[1:] <= stamps_ns[:-1])
-    if bad.size:
-        i = int(bad[0])
-        how = "repeats" if stamps_ns[i + 1] == stamps_ns[i] else "goes backwards"
-        raise UserError(
-            f"{where}: the stamp {how} from {names[i]} ({ns_to_seconds(stamps_ns[i])} s) to {names[i + 1]} "
-            f"({ns_to_seconds(stamps_ns[i + 1])} s); stamps must increase in the natural order of the names"
-        )
+    return parsed_lines(path, "one stamp per line, in seconds", seconds_to_ns)

@@ -1,6 +1,6 @@
 """The sides of walls cut at one height: straight edges of the section, with their free side."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -71,32 +71,27 @@ def edges_of(area: Area, has_pillars: bool = False) -> list[Edge]:
     edges = []
     for polygon in shapely.get_parts(area):
         opposite = polygon if has_pillars and is_pillar(polygon) else area
-        for ring in (polygon.exterior, *polygon.interiors):
-            points = np.asarray(ring.coords)
-            steps = np.diff(points, axis=0)
-            lengths = np.linalg.norm(steps, axis=1)
-            turns = _turns(steps)  # at each edge's start
-            for start, step, length, turn, next_turn in zip(
-                points[:-1], steps, lengths, turns, np.roll(turns, -1), strict=True
-            ):
-                edge = Edge(start, step / length, float(length))
-                square = min(abs(turn), abs(next_turn)) > REVEAL_TURN
-                if not (square and length < REVEAL_LENGTH and _faces_itself(edge, opposite)):
-                    edges.append(edge)
+        for edge, turn, next_turn in _sides(polygon):
+            square = min(abs(turn), abs(next_turn)) > REVEAL_TURN
+            if not (square and edge.length < REVEAL_LENGTH and _faces_itself(edge, opposite)):
+                edges.append(edge)
     return edges
 
 
 def ends_of(area: Area, widest: float) -> list[Edge]:
     """The edges at the ends of walls of a straightened area: short ones between two outer corners."""
-    ends = []
-    for polygon in map(orient, shapely.get_parts(area)):
-        for ring in (polygon.exterior, *polygon.interiors):
-            points = np.asarray(ring.coords)
-            steps = np.diff(points, axis=0)
-            lengths, turns = np.linalg.norm(steps, axis=1), _turns(steps)
-            outer = (turns > REVEAL_TURN) & (np.roll(turns, -1) > REVEAL_TURN) & (lengths <= widest)
-            ends += [Edge(points[k], steps[k] / lengths[k], float(lengths[k])) for k in np.flatnonzero(outer)]
-    return ends
+    sides = (side for polygon in map(orient, shapely.get_parts(area)) for side in _sides(polygon))
+    return [edge for edge, turn, then in sides if min(turn, then) > REVEAL_TURN and edge.length <= widest]
+
+
+def _sides(polygon: Area) -> Iterator[tuple[Edge, float, float]]:
+    """The edges of a polygon's rings, with the turns at their start and at their end."""
+    for ring in (polygon.exterior, *polygon.interiors):
+        points = np.asarray(ring.coords)
+        steps = np.diff(points, axis=0)
+        lengths, turns = np.linalg.norm(steps, axis=1).tolist(), _turns(steps)
+        rows = zip(points[:-1], steps, lengths, turns.tolist(), np.roll(turns, -1).tolist(), strict=True)
+        yield from ((Edge(start, step / length, length), turn, then) for start, step, length, turn, then in rows)
 
 
 def _faces_itself(edge: Edge, area: Area) -> bool:

@@ -1,4 +1,4 @@
-"""How accurate runs are on recordings of real buildings: SLABIM, ConSLAM, Hilti 2021, or recordings of one's own."""
+"""How accurate runs are on recordings of real buildings: SLABIM, ConSLAM, or recordings of one's own."""
 
 from collections.abc import Iterable, Iterator
 from functools import partial
@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import PositiveFloat
 
 from data.common.errors import UserError
@@ -49,10 +48,10 @@ class Recorded(Case):
 def cases(options: Choice) -> list[Recorded]:
     """Each recording as a whole and in pieces. Raises UserError without a data set, and for one that is not whole."""
     if options.dataset is None:
-        known = ", ".join(kind.name for kind in KNOWN)
+        known = ", ".join(KNOWN)
         raise UserError(f"real: --dataset DIR: give the folder of a data set ({known}: a folder with sequences.yaml)")
     found = data_set_in(options.dataset, options.topic)
-    there = found.sequences()
+    there = list(found.entries)
     if unknown := sorted(set(options.sequences) - set(there)):
         raise UserError(f"{found.folder}: no sequence '{unknown[0]}' in it; there are: {', '.join(there)}")
     chosen = [name for name in there if not options.sequences or name in options.sequences]
@@ -62,7 +61,7 @@ def cases(options: Choice) -> list[Recorded]:
     return [
         Recorded(**common, building=found.building(name), sequence=name, piece_m=length)
         for name in chosen
-        for length in (None, *(options.pieces if found.has_plan else ()))
+        for length in (None, *options.pieces)
     ]
 
 
@@ -75,7 +74,7 @@ def measure(case: Recorded, work: Path) -> Record:
     UserError if no scan has a true pose, and as the readers do.
     """
     recording = data_set_in(Path(case.folder), case.topic).open(case.sequence, work / f"pieces-{case.piece_m}")
-    plan, truth = None if recording.plan is None else plan_graph(recording.plan), recording.truth
+    plan, truth = plan_graph(recording.plan), recording.truth
     whole, stamps, results = case.piece_m is None, list[int](), list[Result]()
     for scans in [recording.scans] if case.piece_m is None else _pieces(recording.scans, truth, case.piece_m):
         slam = SceneGraphSlam(plan, storey=recording.storey)
@@ -83,8 +82,8 @@ def measure(case: Recorded, work: Path) -> Record:
             slam.add_scan(scan.stamp_ns, scan.points, scan.point_times)
             stamps.append(scan.stamp_ns)
         results.append(slam.finish(second_pass=whole))
-    true = 0 if plan is None else len(associate(np.array(stamps, np.int64), truth.stamps_ns)[0])
-    if results and plan is not None and not true:
+    true = len(associate(np.array(stamps, np.int64), truth.stamps_ns)[0])
+    if results and not true:
         raise UserError(f"{case.sequence}: no scan is within 10 ms of a true pose; their clocks must be the same")
     return {
         "runs": len(results),
@@ -93,7 +92,7 @@ def measure(case: Recorded, work: Path) -> Record:
         "unreadable": len(recording.scans.skipped),
         "true": true,
         **_in_bim([result.trajectory for result in results if result.anchored], truth),
-        "aligned_rmse_m": aligned_rmse(results[0].trajectory_map, truth, recording.point) if whole else None,
+        "aligned_rmse_m": aligned_rmse(results[0].trajectory_map, truth) if whole else None,
         "first_anchor_s": results[0].first_anchor_s if whole else None,
         "reasons": sorted({result.reason for result in results}),
     }
@@ -129,14 +128,12 @@ def _in_bim(anchored: list[Trajectory], truth: Trajectory) -> Record:
     }
 
 
-def aligned_rmse(estimate: Trajectory, truth: Trajectory, point: NDArray[np.float64]) -> float | None:
-    """The RMSE (m) of a point (3,) in the sensor's frame against its true positions, after SE(3) alignment of the
-    estimate, which is interpolated at the truth's stamps; None where these do not determine the alignment."""
+def aligned_rmse(estimate: Trajectory, truth: Trajectory) -> float | None:
+    """The RMSE (m) of the positions after SE(3) alignment of the estimate, which is interpolated at the truth's stamps;
+    None where these do not determine the alignment."""
     stamps = truth.between(estimate).stamps_ns
     try:
-        poses = estimate.at(stamps)
-        poses[:, :3, 3] += poses[:, :3, :3] @ point
-        return ape(Trajectory(stamps, poses), truth, "se3").translation.rmse
+        return ape(Trajectory(stamps, estimate.at(stamps)), truth, "se3").translation.rmse
     except (UserError, ValueError):  # too few poses, or on a line
         return None
 

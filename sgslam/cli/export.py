@@ -2,7 +2,7 @@
 
 All files are written to the run's folder, in the frame of its `trajectory.tum`. Some formats need the building's model
 (`--bim`): `as_built.ifc` is a copy of the model with the verdict on each element (property set `AsBuilt`, and colours);
-`deviations.bcf` (BCF 2.1) and `deviations_3.0.bcf` have a topic for each wall that deviates from the plan;
+`deviations.bcf` (BCF 2.1) has a topic for each wall that deviates from the plan;
 `cloud-to-model`, which needs the extra `open3d` too, is the distance of every point of the map from the planned face
 that it was measured on.
 """
@@ -51,7 +51,7 @@ def export(out: Path, formats: list[str], bim: Path | None = None, voxel: float 
 
 def _kitti(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
     from data.trajectory import Trajectory
-    from data.trajectory.readers import write_kitti
+    from data.trajectory.trajectory import write_kitti
 
     trajectory = Trajectory.read_tum(run.path / "trajectory.tum")
     poses, times = run.path / "trajectory.kitti", run.path / "trajectory_times.txt"
@@ -61,7 +61,7 @@ def _kitti(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
 
 def _euroc(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
     from data.trajectory import Trajectory
-    from data.trajectory.readers import write_euroc
+    from data.trajectory.trajectory import write_euroc
 
     trajectory, file = Trajectory.read_tum(run.path / "trajectory.tum"), run.path / "trajectory_euroc.csv"
     write_euroc(trajectory, file)
@@ -97,7 +97,7 @@ def _bcf(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
     _require_elements(run)
     a_graph, _ = run.anchored()
     count = write_topics(run.path, run.elements, run.unplanned, a_graph, Model(bim.name, project_of(bim)))
-    return [f"{run.path / name}: {count} topics, BCF {version}" for version, name in BCF.items()]
+    return [f"{run.path / BCF}: {count} topics"]
 
 
 def _require_elements(run: "RunFolder") -> None:

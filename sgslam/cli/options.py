@@ -70,7 +70,7 @@ class RunOptions:
         Path | None, "DIR", "scans: a folder or a bag (docs/own_sensor.md); required without --demo or --resume"
     ] = None
     slam_output: Annotated[
-        Path | None, "OUTPUT", "poses (TUM, KITTI, EuRoC), a folder of KISS-SLAM or GLIM, or a .g2o file"
+        Path | None, "OUTPUT", "poses (TUM, KITTI, EuRoC), a folder of KISS-SLAM, or a .g2o file"
     ] = None
     cloud: Annotated[Path | None, "FILE", "map in the poses' frame, instead of scans: .ply, .pcd, .las, ..."] = None
     times: Annotated[Path | None, "FILE", "stamps of the KITTI poses, in seconds, one per line"] = None

@@ -11,7 +11,7 @@ from drives import small_drive
 from data.geometry.poses import poses_to_xyzquat
 from data.scans.writers import write_ply
 from data.trajectory import Trajectory
-from data.trajectory.readers import write_euroc, write_kitti
+from data.trajectory.trajectory import write_euroc, write_kitti
 
 EVERY = 5  # of the drive's scans, those that are keyframes: a second apart
 _VOXEL = 0.05  # m, of maps
@@ -52,26 +52,6 @@ class SlamOutput:
             write_ply(folder / f"local_maps/plys/{k:06d}.ply", self.map(first, first + 20))
         return folder
 
-    def write_glim(self, folder: Path) -> Path:
-        """As GLIM does: all frames, and submaps whose points are in the frame of their middle."""
-        folder.mkdir()
-        self.poses.write_tum(folder / "traj_lidar.txt")
-        (folder / "graph.txt").write_text("num_submaps: 5\n")
-        for k, first in enumerate(range(0, len(self.clouds), 10)):
-            submap = folder / f"{k:06d}"
-            submap.mkdir()
-            frames = slice(first * EVERY, (first + 10) * EVERY)
-            stamps, poses = self.poses.stamps_ns[frames], self.poses.poses[frames]
-            T_world_origin = poses[len(poses) // 2]
-            lines = [f"id: {k}", "T_world_origin: ", *_rows(T_world_origin), f"num_frames: {len(stamps)}"]
-            for number, (stamp, T) in enumerate(zip(stamps.tolist(), poses, strict=True)):
-                lines += [f"frame_{number}", f"id: {number}", f"stamp: {stamp / 1e9:.9f}", "T_odom_lidar: ", *_rows(T)]
-                lines += ["T_world_lidar: ", *_rows(T), "v_world_imu: 0 0 0"]
-            (submap / "data.txt").write_text("\n".join(lines) + "\n")
-            points = (self.map(first, first + 10) - T_world_origin[:3, 3]) @ T_world_origin[:3, :3]
-            points.astype("<f4").tofile(submap / "points_compact.bin")
-        return folder
-
     def write_g2o(self, path: Path, sigma: float = 0.02, angle: float = 0.01) -> Path:
         """A graph of the keyframes alone, held at the first, with the motion from each to the next, which is known to
         `sigma` (m) and `angle` (rad)."""
@@ -109,10 +89,6 @@ def write_poses(trajectory: Trajectory, folder: Path, form: str) -> list[Path | 
     else:
         trajectory.write_tum(path)
     return [path]
-
-
-def _rows(T: Array) -> list[str]:
-    return [_words(row) for row in T]
 
 
 def _words(values: Array) -> str:

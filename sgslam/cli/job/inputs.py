@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from data.common.errors import UserError
+from data.common.errors import EndOfScansError, UserError
 from data.imu import ImuSamples, read_imu
 from data.plans import Bim, load_bim
 from data.scans import Scan, ScanSource
@@ -59,8 +58,8 @@ class PassedScans(ScanSource):
     def __len__(self) -> int:
         return self._count
 
-    def _jobs(self) -> Iterator[Callable[[], Scan]]:
-        return iter(())
+    def _read(self, index: int) -> Scan:
+        raise EndOfScansError
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,8 +27,8 @@ from data.scans.sources import open_scans
 from data.scene_graph import SceneGraph
 from data.slam_output.g2o import read_g2o
 from data.streams import McapPipe
-from data.trajectory.readers import read_poses
 from data.trajectory.stamps import read_times
+from data.trajectory.trajectory import read_poses
 from matching.judge import Judge
 from sgslam.config import Config
 from sgslam.config.loading import load_config, save_config
@@ -57,10 +57,7 @@ def _piped(path: Path) -> object:
 
 
 def _scan_samples(suffix: str, folder: Path) -> list[bytes]:
-    made = [write(scan_files.points_of(0)) for name, write in scan_files.FILES.items() if name.endswith(suffix)]
-    if suffix == ".bin":  # enough for their width to be looked at
-        made += [np.tile(scan_files.points_of(0), (9, 1)).tobytes()]
-    return made
+    return [write(scan_files.points_of(0)) for name, write in scan_files.FILES.items() if name.endswith(suffix)]
 
 
 def _bag(kind: str, folder: Path) -> list[bytes]:

@@ -269,4 +269,4 @@ def test_broken_archives_and_a_reader_that_goes_down_are_reported(
         guard.read_guarded(path)
     assert "\n" not in str(told.value)
     monkeypatch.undo()
-    assert len(guard.read_guarded(path)["graph"]["rooms"]) == 1  # the helper lives on
+    assert len(guard.read_guarded(path)["graph"]["rooms"]) == 1

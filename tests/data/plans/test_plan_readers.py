@@ -240,7 +240,7 @@ def test_paths_and_bodies_that_are_no_plans_are_refused(tmp_path: Path) -> None:
     block.add_line((0, 0), (1, 0))
     bomb.modelspace().add_blockref("SELF", (0, 0), dxfattribs={"layer": "WALL"})
     bomb.saveas(tmp_path / "bomb.dxf")
-    with pytest.raises(UserError, match="over 2,000,000 lines or 50,000 blocks"):
+    with pytest.raises(UserError, match="over 2,000,000 lines, or 50,000 blocks"):
         load_bim(tmp_path / "bomb.dxf")
 
 

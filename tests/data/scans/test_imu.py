@@ -72,8 +72,8 @@ def test_wrong_samples_are_refused(stamps: np.ndarray, gyro: np.ndarray, accel: 
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"1,0,0,0,0,0,9.8\n2,0,0,0,0,0\n", "line 2: not in the form"),
-        (b"0.005,0,0,0,0,0,9.8\n", "line 1: not in the form"),
+        (b"1,0,0,0,0,0,9.8\n2,0,0,0,0,0\n", "line 2: not in that form"),
+        (b"0.005,0,0,0,0,0,9.8\n", "line 1: not in that form"),
         (b"", "; give .*lines of"),
         (b"\xff\xfe\x00", "; give .*lines of"),
     ],
@@ -98,13 +98,15 @@ def test_samples_of_a_bag_are_put_in_order_and_repeated_ones_left_out(
 
 def test_of_several_imus_one_is_named(tmp_path: Path) -> None:
     bag = imu_bag(tmp_path / "a.bag", "ros1", STAMPS.tolist(), "/camera/imu")
-    with pytest.raises(UserError, match=r"several IMUs: /camera/imu \(5\), /imu \(5\); choose one with --imu-topic"):
+    with pytest.raises(
+        UserError, match=r"several .* IMU samples: /camera/imu \(5\), /imu \(5\); choose one with --imu-topic"
+    ):
         read_imu(bag)
     assert len(read_imu(bag, "imu")) == len(read_imu(bag, "/camera/imu")) == 5
     (tmp_path / "b.bag").write_bytes(b"no bag")
     write_imu(read_imu(bag, "imu"), tmp_path / "imu.csv")
     for path, topic, message in (
-        (bag, "/imo", r"--imu-topic /imo: no such IMU .* /imu \(5\)"),
+        (bag, "/imo", r"--imu-topic /imo: no such topic with IMU samples .* /imu \(5\)"),
         (tmp_path / "imu.csv", "imu", "is not a bag and has no topics"),
         (lidar_bag(tmp_path / "c.bag", "ros1"), None, r"contains no IMU samples \(sensor_msgs/Imu\)"),
         (tmp_path / "b.bag", None, r"contains no IMU samples .*; it was cut off or is damaged"),

@@ -9,11 +9,9 @@ from boxes import Array, pose
 from data import UserError
 from data.scans import ScanFolder
 from data.scans.writers import SCAN_WRITERS
-from data.slam_output import open_slam_output
 from data.slam_output.g2o import read_graph_poses
 from data.slam_output.posed_scans import PosedScans, walking_stamps
-from data.trajectory import Trajectory
-from data.trajectory.readers import PoseList
+from data.trajectory.trajectory import PoseList
 
 NS = 10**9
 WAY = np.stack([pose(0.5 * k, 0.1 * k**2, 0.8, 0.3 * k) for k in range(8)])
@@ -83,21 +81,3 @@ def test_a_graph_tells_how_uncertain_its_motions_are(tmp_path: Path) -> None:
         np.testing.assert_allclose(np.sqrt(np.diag(np.asarray(step))), [0.01, 0.01, 0.02, 0.1, 0.05, 0.2])
     path.write_text("\n".join(lines).replace(information, "1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 1 0 0 1 0 1"))
     assert read_graph_poses(path).step_covariances == [None, None, None]
-
-
-def test_a_damaged_dump_is_refused_with_its_file(tmp_path: Path) -> None:
-    dump = tmp_path / "dump/000000"
-    dump.mkdir(parents=True)
-    Trajectory(STAMPS, WAY).write_tum(tmp_path / "dump/traj_lidar.txt")
-    rows = "1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"
-    for text, points, said in (
-        ("id: 0\n", b"", "no T_world_origin"),
-        (f"T_world_origin:\n{rows}", b"", "names no frame"),
-        (f"T_world_origin:\n{rows}stamp: 99.5\n", b"", "none of its frames"),
-        (f"T_world_origin:\n{rows}stamp: 5.000000123\n", b"1234567", "not a whole number"),
-        (f"T_world_origin:\n{rows}stamp: 5.000000123\n", b"", "no point of the map is in view"),
-    ):
-        (dump / "data.txt").write_text(text)
-        (dump / "points_compact.bin").write_bytes(points)
-        with pytest.raises(UserError, match=said):
-            open_slam_output(tmp_path / "dump")

@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from data.common.errors import UserError
 from data.trajectory import Trajectory
-from data.trajectory.readers import read_poses, write_euroc, write_kitti
-from data.trajectory.trajectory import moved_with
+from data.trajectory.trajectory import moved_with, read_poses, write_euroc, write_kitti
 
 STAMPS = 1_700_000_000_000_000_001 + np.cumsum(np.random.default_rng(1).integers(1, 10**9, 50))
 
@@ -61,7 +60,7 @@ EYE = "1 0 0 0 0 1 0 0 0 0 1 "
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"", "no poses"),
+        (b"", "nothing in it"),
         (b"\xff\xfe\x00\x81", "poses"),
         (b"1 0 0 0 0 0 0 1\n2 0 0 0 0 0 1\n", "line 2: 7 values"),
         (b"1 0 0 0 0 0 0 1\n\n1 0 0 0 0 0 0 1\n", "line 3: the stamp repeats"),

@@ -63,7 +63,6 @@ FORMS: dict[str, tuple[Callable[[SlamOutput, Path], Words], tuple[float, ...], f
     "poses": (keyframes, DRIFTED, 0.02, "keyframes"),
     "a map": (one_map, (), 0.04, "poses"),
     "KISS-SLAM": (lambda output, folder: [output.write_kiss_slam(folder / "kiss")], (), 0.04, "keyframes"),
-    "GLIM": (lambda output, folder: [output.write_glim(folder / "dump")], (), 0.04, "poses"),
     "g2o": (graph, DRIFTED, 0.02, "keyframes"),
 }
 

@@ -90,7 +90,7 @@ ANCHOR, LIVE, VIEW = "sgslam.other_slam.anchor", "sgslam.live", "sgslam.cli.view
     [
         ("sgslam.run --scan-dir above", "10th/points|second; give one of these"),
         ("sgslam.run --scan-dir few_times", "times.txt|25|2"),
-        ("sgslam.run --scan-dir scans_back", "backwards"),
+        ("sgslam.run --scan-dir scans_back", "24 of 25 scans have wrong stamps"),
         ("sgslam.run --scan-dir scans_ms", "seem to be in milliseconds; give seconds"),
         ("sgslam.run --scan-dir nan", "NaN"),
         ("sgslam.run --scan-dir millimetres", "divide millimetres by 1000"),
@@ -114,7 +114,7 @@ ANCHOR, LIVE, VIEW = "sgslam.other_slam.anchor", "sgslam.live", "sgslam.cli.view
         (f"{ANCHOR} poses.tum --bim small.ifc", "give --scans"),
         (f"{ANCHOR} none --bim small.ifc", "none: no such file or folder"),
         (f"{ANCHOR} poses.tum --scans clouds", "--bim is missing"),
-        (f"{ANCHOR} nothing --bim small.ifc", "neither KISS-SLAM's"),
+        (f"{ANCHOR} nothing --bim small.ifc", "not KISS-SLAM's folder"),
         (f"{ANCHOR} poses.kitti --scans clouds --bim small.ifc", "poses for the"),
         (f"{ANCHOR} graph.g2o --bim plan.json", "give --scans"),
         (f"{LIVE} scans --topic /points", "--topic /points: a folder has no topics"),
