@@ -1,19 +1,24 @@
 """Bags of messages: ROS 1 (.bag), ROS 2 (a folder with sqlite3 or MCAP files, or one such file), MCAP of any origin.
 
-MCAP that was cut off or comes through a pipe is read in the file's order, without its index.
+Those that were cut off or come through a pipe are read in the file's order, without its index.
 """
 
+import sqlite3
 from collections import Counter
 from collections.abc import Collection, Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from functools import cache
+from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
+from urllib.parse import quote
 
 from data.common.errors import UserError, reason
 from data.common.files import natural_key
 
 LARGEST_RECORD = 1 << 30  # bytes: writers make chunks of some MB
+_ZSTD = b"\x28\xb5\x2f\xfd"  # begins a message of a bag that compresses each, which only its metadata.yaml says
 BAG_SUFFIXES = (".bag", ".mcap", ".db3")
 _FOREIGN = "Profile is not ros2"  # what rosbags says of an MCAP file that was not recorded by ROS 2: nothing is wrong
 
@@ -34,6 +39,19 @@ def normal_type(name: str) -> str:
     return f"{parts[0]}/msg/{parts[-1]}" if len(parts) > 1 else name
 
 
+def records_in(path: Path) -> Iterator[Record]:
+    """Those of a bag's file."""
+    if path.suffix.lower() == ".db3":
+        yield from _sqlite(path)
+        return
+    with path.open("rb") as file:
+        if file.read(13) == b"#ROSBAG V2.0\n":
+            yield from _ros1(file, path.stat().st_size, {})
+            return
+        file.seek(0)
+        yield from mcap_records(file)
+
+
 def mcap_records(file: BinaryIO) -> Iterator[Record]:
     """Those of MCAP, each as soon as its record or chunk is there."""
     from mcap.records import Channel, Message, Schema
@@ -46,7 +64,44 @@ def mcap_records(file: BinaryIO) -> Iterator[Record]:
         elif isinstance(record, Channel):
             kinds[record.id] = record.topic, types.get(record.schema_id, ""), record.message_encoding != "ros1"
         elif isinstance(record, Message) and record.channel_id in kinds:
-            yield Record(*kinds[record.channel_id], record.log_time, record.data)
+            yield Record(*kinds[record.channel_id], record.log_time, _unpacked(record.data))
+
+
+def _ros1(file: BinaryIO, end: int, kinds: dict[int, tuple[str, str, bool]]) -> Iterator[Record]:
+    """Source: wiki.ros.org/Bags/Format/2.0. `kinds` are the topics and types of the connections so far."""
+    from rosbags.rosbag1.reader import Header, RecordType, decompressors, read_bytes, read_uint32
+
+    while file.tell() < end:
+        head = Header.read(file)
+        data, op = read_bytes(file, read_uint32(file)), head.get_uint8("op")
+        if op == RecordType.CHUNK:
+            chunk = decompressors[head.get_string("compression")](data)
+            yield from _ros1(BytesIO(chunk), len(chunk), kinds)
+        elif op == RecordType.CONNECTION:
+            about = Header.read(BytesIO(len(data).to_bytes(4, "little") + data))
+            kinds[head.get_uint32("conn")] = head.get_string("topic"), normal_type(about.get_string("type")), False
+        elif op == RecordType.MSGDATA and (kind := kinds.get(head.get_uint32("conn"))):
+            yield Record(*kind, head.get_time("time"), data)
+
+
+def _sqlite(path: Path) -> Iterator[Record]:
+    """From rosbag2's tables `topics` and `messages`."""
+    address = f"file:{quote(str(path.resolve()))}?mode=ro&immutable=1"
+    with closing(sqlite3.connect(address, uri=True, check_same_thread=False)) as bag:
+        bag.execute("PRAGMA writable_schema = ON")  # else sqlite opens no file that was cut off
+        topics = bag.execute("SELECT id, name, type, serialization_format FROM topics")
+        kinds = {number: (str(name), normal_type(str(kind)), form == "cdr") for number, name, kind, form in topics}
+        for number, log_ns, data in bag.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY id"):
+            if number in kinds and isinstance(log_ns, int) and isinstance(data, bytes):
+                yield Record(*kinds[number], log_ns, _unpacked(data))
+
+
+def _unpacked(message: bytes) -> bytes:
+    if not message.startswith(_ZSTD):
+        return message
+    import zstandard
+
+    return zstandard.decompress(message, LARGEST_RECORD)
 
 
 def is_bag(path: Path) -> bool:
@@ -109,7 +164,7 @@ class Bag:
 
 @dataclass
 class _Part:
-    """One file, or a ROS 2 bag's folder: read by rosbags, MCAP from where that fails in the file's order."""
+    """One file, or a ROS 2 bag's folder: read by rosbags, from where that fails in the file's order."""
 
     path: Path
     types: frozenset[str]
@@ -145,12 +200,10 @@ class _Part:
                 yield record
 
     def _in_order(self) -> Iterator[Record]:
-        files = _bags_in(self.path) if self.path.is_dir() else [self.path]
-        for file in (file for file in files if file.suffix.lower() == ".mcap"):
+        for file in _bags_in(self.path) if self.path.is_dir() else [self.path]:
             try:
-                with file.open("rb") as opened:
-                    yield from (record for record in mcap_records(opened) if record.msgtype in self.types)
-            except Exception as error:  # mcap raises many kinds on garbage
+                yield from (record for record in records_in(file) if record.msgtype in self.types)
+            except Exception as error:  # each library raises kinds of its own
                 self._failed(error)
 
     def _failed(self, error: Exception) -> None:

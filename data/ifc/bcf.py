@@ -1,4 +1,4 @@
-"""Writes topics for BIM viewers: BIM Collaboration Format 2.1 (buildingSMART), a zip of XML files."""
+"""Writes topics for BIM viewers: BIM Collaboration Format 2.1 or 3.0 (buildingSMART), a zip of XML files."""
 
 import io
 import uuid
@@ -6,6 +6,7 @@ import zipfile
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import Literal
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
@@ -14,8 +15,9 @@ from numpy.typing import NDArray
 from data.common.files import write_atomically
 
 Xyz = tuple[float, float, float]
-VERSION = "2.1"  # which every viewer reads
+Version = Literal["2.1", "3.0"]
 AUTHOR, TYPE, STATUS = "sgslam", "Deviation", "Open"
+_WIDE = 4 / 3  # width of a view over its height
 _BACK, _UP = 5.0, 3.0  # m from what is shown to the camera
 _STAMP = (1980, 1, 1, 0, 0, 0)  # of the files in the zip: the same topics give the same bytes
 
@@ -43,17 +45,17 @@ class Model:
     project: str = ""
 
 
-def write_bcf(path: Path | str, topics: list[Topic], model: Model, created: datetime) -> None:
+def write_bcf(path: Path | str, topics: list[Topic], model: Model, created: datetime, version: Version = "2.1") -> None:
     """Writes the topics atomically; `created` has a time zone. Topics without a product are drawn as lines."""
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
-        root = Element("Version", VersionId=VERSION)
-        SubElement(root, "DetailedVersion").text = VERSION
-        _add(archive, "bcf.version", root)
+        _add(archive, "bcf.version", _version(version))
+        if version == "3.0":
+            _add(archive, "extensions.xml", _extensions(topics))
         for number, topic in enumerate(topics, 1):
             guid = _guid(f"{number}/{topic.title}/{topic.global_ids}/{topic.segment}")
-            _add(archive, f"{guid}/markup.bcf", _markup(guid, number, topic, model, created))
-            _add(archive, f"{guid}/viewpoint.bcfv", _viewpoint(guid, topic))
+            _add(archive, f"{guid}/markup.bcf", _markup(guid, number, topic, model, created, version))
+            _add(archive, f"{guid}/viewpoint.bcfv", _viewpoint(guid, topic, version))
     write_atomically(path, packed.getvalue())
 
 
@@ -69,25 +71,52 @@ def _guid(name: str) -> str:
     return str(uuid.uuid5(uuid.NAMESPACE_OID, name))
 
 
-def _markup(guid: str, number: int, topic: Topic, model: Model, created: datetime) -> Element:
-    """The elements in the schema's order."""
+def _version(version: Version) -> Element:
+    root = Element("Version", VersionId=version)
+    if version == "2.1":
+        SubElement(root, "DetailedVersion").text = version
+    return root
+
+
+def _extensions(topics: list[Topic]) -> Element:
+    """The values that topics may have, in the schema's order."""
+    root = Element("Extensions")
+    labels = dict.fromkeys(topic.label for topic in topics)
+    used = {"TopicType": [TYPE], "TopicStatus": [STATUS], "Priority": [], "TopicLabel": labels, "User": [AUTHOR]}
+    lists = ("TopicTypes", "TopicStatuses", "Priorities", "TopicLabels", "Users", "SnippetTypes", "Stages")
+    for name, values in zip(lists, [*used.items(), ("SnippetType", []), ("Stage", [])], strict=True):
+        own = SubElement(root, name)
+        for value in values[1]:
+            SubElement(own, values[0]).text = value
+    return root
+
+
+def _markup(guid: str, number: int, topic: Topic, model: Model, created: datetime, version: Version) -> Element:
+    """The elements in the schema's order; 3.0 has lists of files, labels and views, and the views in the topic."""
+    new = version == "3.0"
     root = Element("Markup")
-    file = SubElement(SubElement(root, "Header"), "File", isExternal="true")
+    header = SubElement(root, "Header")
+    file = SubElement(SubElement(header, "Files") if new else header, "File")
+    file.set("IsExternal" if new else "isExternal", "true")
     if model.project:
         file.set("IfcProject", model.project)
     SubElement(file, "Filename").text = model.filename
     about = SubElement(root, "Topic", Guid=guid, TopicType=TYPE, TopicStatus=STATUS)
     SubElement(about, "Title").text = topic.title
     SubElement(about, "Index").text = str(number)
-    SubElement(about, "Labels").text = topic.label
+    labels = SubElement(about, "Labels")
+    (SubElement(labels, "Label") if new else labels).text = topic.label
     SubElement(about, "CreationDate").text = created.isoformat(timespec="seconds")
     SubElement(about, "CreationAuthor").text = AUTHOR
-    SubElement(about, "Description").text = topic.description
-    SubElement(SubElement(root, "Viewpoints", Guid=_guid(f"{guid}/view")), "Viewpoint").text = "viewpoint.bcfv"
+    if topic.description or not new:
+        SubElement(about, "Description").text = topic.description
+    views = SubElement(SubElement(about, "Viewpoints"), "ViewPoint") if new else SubElement(root, "Viewpoints")
+    views.set("Guid", _guid(f"{guid}/view"))
+    SubElement(views, "Viewpoint").text = "viewpoint.bcfv"
     return root
 
 
-def _viewpoint(guid: str, topic: Topic) -> Element:
+def _viewpoint(guid: str, topic: Topic, version: Version) -> Element:
     root = Element("VisualizationInfo", Guid=_guid(f"{guid}/view"))
     components = SubElement(root, "Components")
     if topic.global_ids:
@@ -95,8 +124,10 @@ def _viewpoint(guid: str, topic: Topic) -> Element:
     SubElement(components, "Visibility", DefaultVisibility="true")
     if topic.global_ids:
         color = SubElement(SubElement(components, "Coloring"), "Color", Color=topic.color)
-        _components(color, topic)
-    _camera(root, topic)
+        _components(SubElement(color, "Components") if version == "3.0" else color, topic)
+    camera = _camera(root, topic)
+    if version == "3.0":
+        SubElement(camera, "AspectRatio").text = f"{_WIDE:.4f}"
     if not topic.global_ids:
         line = SubElement(SubElement(root, "Lines"), "Line")
         for name, point in zip(("StartPoint", "EndPoint"), topic.segment, strict=True):
@@ -109,7 +140,7 @@ def _components(parent: Element, topic: Topic) -> None:
         SubElement(parent, "Component", IfcGuid=global_id)
 
 
-def _camera(root: Element, topic: Topic) -> None:
+def _camera(root: Element, topic: Topic) -> Element:
     """Looks at the middle from above, from the free side."""
     middle = np.mean(np.array(topic.segment), axis=0)
     place = middle + np.array([_BACK * topic.towards[0], _BACK * topic.towards[1], _UP])
@@ -120,6 +151,7 @@ def _camera(root: Element, topic: Topic) -> None:
     _vector(camera, "CameraDirection", ahead)
     _vector(camera, "CameraUpVector", up / np.linalg.norm(up))
     SubElement(camera, "FieldOfView").text = "60"
+    return camera
 
 
 def _vector(parent: Element, name: str, xyz: NDArray[np.float64]) -> None:

@@ -36,6 +36,9 @@ _PCD_ROWS = {  # the words of a header's line: PCL's default for each, their for
     "POINTS": ("", r"\d{1,12}", "whole number"),
     "DATA": ("", "ascii|binary|binary_compressed", "of ascii, binary, binary_compressed"),
 }
+_WIDTHS = (4, 3, 5)  # float32 values of a point in a .bin: KITTI; x y z alone; nuScenes
+_FEWEST = 300  # values: fewer say nothing about the width
+_SEEN = 60_000  # values that are looked at, a multiple of each width
 
 
 def is_scan(path: Path) -> bool:
@@ -61,9 +64,33 @@ def read_timed(path: Path) -> tuple[Points, Times]:
 
 
 def _read_bin(path: Path) -> tuple[Points, Times]:
-    if (size := path.stat().st_size) % 16:
-        raise UnreadableScanError(f"{size} bytes are not a whole number of x y z intensity in float32, as KITTI has it")
-    return np.fromfile(path, "<f4").reshape(-1, 4)[:, :3], None
+    values = np.fromfile(path, "<f4")
+    width = _values_a_point(values)
+    if (size := path.stat().st_size) % (4 * width):
+        raise UnreadableScanError(
+            f"{size} bytes are not a whole number of points of {width} float32: x y z intensity as in KITTI, x y z, or "
+            "x y z intensity ring as in nuScenes"
+        )
+    return values.reshape(-1, width)[:, :3], None
+
+
+def _values_a_point(values: NDArray[np.float32]) -> int:
+    """How many values a point has, in a file that does not say it: 4, unless it certainly has 3 or 5.
+
+    In columns of the right width like stands below like: neighbours differ least, and so do points in any other order.
+    """
+    count = len(values)
+    if count < _FEWEST or (count % 4 == 0 and count % 3 and count % 5):
+        return 4
+    # a logarithm beyond 1 m, so that no single value decides
+    head = np.arcsinh(np.nan_to_num(values[: min(_SEEN, count // 60 * 60)]))
+    spreads = []
+    for width in _WIDTHS:
+        rows = head.reshape(-1, width)
+        shuffled = np.random.default_rng(0).permutation(rows)
+        spreads.append([float(np.abs(np.diff(own, axis=0)).mean()) for own in (rows, shuffled)])
+    best = {_WIDTHS[k] for k in np.argmin(spreads, axis=0)}
+    return best.pop() if len(best) == 1 else 4
 
 
 def _read_npy(path: Path) -> tuple[Points, Times]:

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from data.ifc.bcf import Model, Topic, write_bcf
+from data.ifc.bcf import Model, Topic, Version, write_bcf
 from data.scene_graph import SceneGraph
 from sgslam.as_built.elements.tolerance_classes import is_off
 from sgslam.config.sensor import CARRIER
 
 Floats = NDArray[np.float64]
 Entry = Mapping[str, Any]  # of elements.json
-BCF = "deviations.bcf"
+BCF: dict[Version, str] = {"2.1": "deviations.bcf", "3.0": "deviations_3.0.bcf"}  # most viewers read the first only
 _COLORS = {"moved": "FFD65E00", "absent": "FF56B4E9", "extra": "FFCC79A7"}
 
 
@@ -23,10 +23,12 @@ def write_topics(
     out: Path, elements: Sequence[Entry], unplanned: Sequence[Entry], a_graph: SceneGraph, model: Model
 ) -> int:
     """Writes a BCF topic for each element that is absent or off by more than two sigma, and each unplanned wall, to the
-    folder `out`; returns the number of topics."""
+    folder `out`, as BCF 2.1 and 3.0; returns the number of topics."""
     topics = [_of_element(own, a_graph) for own in elements if _deviates(own)]
     topics += [_of_unplanned(own) for own in unplanned if own["kind"] == "wall-like"]
-    write_bcf(out / BCF, topics, model, datetime.now(UTC))
+    now = datetime.now(UTC)
+    for version, name in BCF.items():
+        write_bcf(out / name, topics, model, now, version)
     return len(topics)
 
 
@@ -36,7 +38,8 @@ def _deviates(own: Entry) -> bool:
 
 def remove_topics(out: Path) -> None:
     """Deletes the topics that an earlier run left in the folder `out`."""
-    (out / BCF).unlink(missing_ok=True)
+    for name in BCF.values():
+        (out / name).unlink(missing_ok=True)
 
 
 def _of_element(own: Entry, a_graph: SceneGraph) -> Topic:

@@ -2,7 +2,7 @@
 
 All files are written to the run's folder, in the frame of its `trajectory.tum`. Some formats need the building's model
 (`--bim`): `as_built.ifc` is a copy of the model with the verdict on each element (property set `AsBuilt`, and colours);
-`deviations.bcf` (BCF 2.1) has a topic for each wall that deviates from the plan;
+`deviations.bcf` (BCF 2.1) and `deviations_3.0.bcf` have a topic for each wall that deviates from the plan;
 `cloud-to-model`, which needs the extra `open3d` too, is the distance of every point of the map from the planned face
 that it was measured on.
 """
@@ -97,7 +97,7 @@ def _bcf(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
     _require_elements(run)
     a_graph, _ = run.anchored()
     count = write_topics(run.path, run.elements, run.unplanned, a_graph, Model(bim.name, project_of(bim)))
-    return [f"{run.path / BCF}: {count} topics"]
+    return [f"{run.path / name}: {count} topics, BCF {version}" for version, name in BCF.items()]
 
 
 def _require_elements(run: "RunFolder") -> None:

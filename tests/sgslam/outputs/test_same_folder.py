@@ -21,7 +21,7 @@ pytestmark = pytest.mark.slow
 TIMED = {"metrics.json", "matches.json", "report.html", "elements.xlsx", "state.bin", "run.log"}
 # the truth, which the command was given, is drawn too
 TIMED |= {"plan.png"}
-TOPICS = {"deviations.bcf"}
+TOPICS = {"deviations.bcf", "deviations_3.0.bcf"}
 OF_THE_COMMAND = {"seconds", "cpu_seconds", "told", "about", "advice", "accuracy"}  # in metrics.json
 
 
