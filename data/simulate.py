@@ -7,9 +7,8 @@
 DIR then holds `scans/000000.bin ...` (sensor frame), `scans/times.txt`, `truth.tum` (sensor poses in the BIM
 frame), `run.json` (what was driven) and, if the building differs from its plan, `changes.json`,
 `tolerances.json` if walls of an IFC model stand off their places (`--effects tolerance`), and `plan.ifc` if the plan is
-to lack walls. `--imu` adds `scans/imu.csv`, in the sensor's axes. A robot's scan is a
-snapshot of one instant, without motion distortion; a person's is measured while the sensor moves, each point with its
-time (`--effects` says otherwise).
+to lack walls. `--imu` adds `scans/imu.csv`, in the sensor's axes. A robot's scan is a snapshot of one instant, without
+motion distortion, unless `--effects rolling`; a person's is measured while the sensor moves, each point with its time.
 """
 
 import argparse
@@ -18,11 +17,12 @@ from dataclasses import fields, replace
 import numpy as np
 
 from data.common.cli import Parser, run_command
+from data.common.errors import UserError
 from data.plans.mesh_plan import MESH_SUFFIXES
 from data.scans.writers import SCAN_WRITERS
 from data.simulation import Changes
 from data.simulation.carriers import CARRIERS, carrier_named
-from data.simulation.effects import ALL, EFFECTS
+from data.simulation.effects import ALL, EFFECTS, checked
 from data.simulation.sensor import IMUS, SENSORS, sensor_named
 from data.simulation.simulate import IMU, simulate
 
@@ -40,7 +40,7 @@ _CHANGED = {  # options, the shares of `Changes` that they are, and what these a
 def _parser() -> argparse.ArgumentParser:
     about = "Simulate a LiDAR carried through a building, and write its scans and ground truth."
     effects = "effects:\n" + "".join(f"  {name:<10} {what}\n" for name, what in EFFECTS.items())
-    effects += f"  {ALL:<10} all of these, with rolling unless another is named\n"
+    effects += f"  {ALL:<10} all of these\n"
     formatter = argparse.RawDescriptionHelpFormatter
     parser = Parser(prog="python -m data.simulate", description=about, epilog=effects, formatter_class=formatter)
     add = parser.add_argument
@@ -58,7 +58,6 @@ def _parser() -> argparse.ArgumentParser:
     add("--min-rooms", type=int, default=8, metavar="N", help="number of rooms to enter (default 8, or all if fewer)")
     add("--min-length", type=float, default=120.0, metavar="M", help="minimum length of drive in metres (default 120)")
     _add_changes(parser)
-    add("--and-back", action="store_true", help="drive the whole route back as well")
     add("--seconds", type=float, metavar="S", help="end the drive after this time in seconds")
     add(
         "--carrier",
@@ -77,20 +76,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add("--sensor", default="VLP-16", metavar="NAME", help=f"{', '.join(SENSORS)} (default VLP-16)")
     add("--imu", metavar="NAME", help=f"simulate an IMU as well, in scans/imu.csv: {', '.join(IMUS)} (default none)")
-    add(
-        "--stamp",
-        choices=("start", "middle", "end"),
-        default="start",
-        help="the instant of a scan that its stamp names (default start)",
-    )
-    add("--azimuths", type=int, metavar="N", help="azimuth steps per turn of a spinning sensor (default: the sensor's)")
     add("--effects", type=_names, nargs="+", default=[], metavar="LIST", help="comma-separated names; see below")
-    add(
-        "--speed",
-        type=float,
-        metavar="M/S",
-        help="metres per second (default: the carrier's; wheeled 0.8, on foot 1.1)",
-    )
     add("--sensor-height", type=float, metavar="M", help="metres above the floor (default: the carrier's; wheeled 0.8)")
     add("--format", choices=SCAN_WRITERS, help="format of the scans (default bin; ply for points with times)")
     return parser
@@ -123,12 +109,10 @@ def _angles(text: str) -> tuple[float, float, float]:
 
 def _names(text: str) -> list[str]:
     names = [name for name in text.split(",") if name]
-    for name in names:
-        if name not in (*EFFECTS, ALL):
-            known = ", ".join((*EFFECTS, ALL))
-            raise argparse.ArgumentTypeError(
-                f"'{name}' is not an effect; give comma-separated names, e.g. glass,people; there are {known}"
-            )
+    try:
+        checked(names)
+    except UserError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
     return names
 
 
@@ -136,8 +120,6 @@ def main() -> int:
     """Runs the command. Raises UserError."""
     args = _parser().parse_args()
     carrier = carrier_named(args.carrier, args.pace, args.reversed)
-    if args.speed is not None:
-        carrier = replace(carrier, robot=replace(carrier.robot, speed=args.speed))
     if args.sensor_height is not None:
         carrier = replace(carrier, height=args.sensor_height)
     run = simulate(
@@ -147,15 +129,13 @@ def main() -> int:
         args.seed,
         args.min_rooms,
         args.min_length,
-        sensor_named(args.sensor, args.azimuths),
+        sensor_named(args.sensor),
         carrier,
         [name for names in args.effects for name in names],
         Changes(**{field.name: getattr(args, field.name) for field in fields(Changes)}),
         mount_deg=args.mount,
-        and_back=args.and_back,
         seconds=args.seconds,
         imu=args.imu,
-        stamped=args.stamp,
         scan_format=args.format,
     )
     storeys = list(dict.fromkeys(run.storeys))

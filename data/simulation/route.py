@@ -163,17 +163,8 @@ def _floor(
     return floor
 
 
-def plan_tour(
-    grid: Grid, radius: float, min_rooms: int, min_length: float, rng: np.random.Generator
-) -> tuple[Curve, ...]:
-    """The legs, between which the robot stops and turns: from a random free place and back to it; see `tour`."""
-    planner = Planner(grid, radius, rng)
-    start = planner.random_cell(planner.rooms[rng.integers(len(planner.rooms))])
-    return tour(planner, start, start, min_rooms, min_length)
-
-
 def tour(
-    planner: "Planner", start: Cell, end: Cell, min_rooms: int, min_length: float, shortest: float = SHORTEST
+    planner: "Planner", start: Cell, end: Cell, min_rooms: int, min_length: float, shortest: float
 ) -> tuple[Curve, ...]:
     """The legs from one free place to another; the last one is left out where it is not longer than `shortest` (m).
 

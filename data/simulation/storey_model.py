@@ -17,8 +17,8 @@ from data.geometry.raycast import TriangleScene, area_normals
 from data.ifc.products import IfcProduct, open_ifc, products
 from data.ifc.rooms import STAIRS
 from data.plans.mesh_plan import is_mesh, read_mesh
+from data.simulation.as_built import as_built, recut
 from data.simulation.changes import AS_PLANNED, Change, Changes, draw_changes, draw_tolerances, of_class
-from data.simulation.changes.as_built import as_built, recut
 
 Triangles = NDArray[np.float64]  # (M, 3, 3) metres in the BIM frame
 Xy = NDArray[np.float64]  # (2,)

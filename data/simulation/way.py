@@ -3,7 +3,6 @@
 On stairs it leads where a robot can stand on the building's triangles, from one storey to the next.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -15,8 +14,8 @@ from scipy.sparse.csgraph import dijkstra
 from data.common.errors import UserError
 from data.geometry.raycast import TriangleScene
 from data.simulation.drive import Robot
-from data.simulation.effects.platforms import Platforms, platforms
-from data.simulation.route import Cell, Grid, Planner, build_grid, plan_tour, resampled, smoothed, tour
+from data.simulation.platforms import Platforms, platforms
+from data.simulation.route import SHORTEST, Cell, Planner, build_grid, resampled, smoothed, tour
 from data.simulation.storey_model import StoreyModel, Triangles
 
 CELL = 0.1  # m
@@ -31,8 +30,7 @@ SMOOTH_XY, SMOOTH_Z = 0.15, 0.3  # m along the way
 LAYERS = 12  # of surfaces over each other that are looked for
 
 _DOWN, _UP = np.array([0.0, 0.0, -1.0]), np.array([0.0, 0.0, 1.0])
-Grids = dict[StoreyModel, Grid]
-Leg = NDArray[np.float64]  # (N, 3) x y z of the ground in the BIM frame; on a single storey (N, 2)
+Leg = NDArray[np.float64]  # (N, 3) x y z of the ground in the BIM frame
 
 
 @dataclass(frozen=True)
@@ -41,6 +39,11 @@ class Storey:
 
     model: StoreyModel
     planner: Planner
+
+    def cell(self, place: NDArray[np.float64]) -> Cell:
+        """The cell at a place (3,)."""
+        row, column = self.planner.grid.to_cells(place[:2]).tolist()
+        return row, column
 
 
 @dataclass(frozen=True)
@@ -68,14 +71,11 @@ def stair_way(start: Storey, end: Storey, scene: TriangleScene, radius: float) -
     way = _easiest(ground, first, last, radius)
     if way is None:
         raise UserError(f"no stair {between} can be climbed by a robot of {radius} m radius; choose other storeys")
-    ends = [_cell_at(storey, ground.places[way[k]]) for k, storey in ((0, start), (-1, end))]
+    ends = [
+        [*storey.planner.grid.to_xy(np.array(storey.cell(ground.places[way[k]]))), storey.model.level]
+        for k, storey in ((0, start), (-1, end))
+    ]
     return _smooth(np.vstack([ends[0], ground.places[way], ends[1]]))
-
-
-def _cell_at(storey: Storey, place: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3,) on the storey's floor, the middle of its cell there."""
-    grid = storey.planner.grid
-    return np.array([*grid.to_xy(grid.to_cells(place[:2])), storey.model.level])
 
 
 def _columns(stairs: list[Triangles]) -> NDArray[np.int64]:
@@ -195,75 +195,40 @@ def _smooth(way: Leg) -> Leg:
 
 @dataclass(frozen=True, eq=False)
 class Way:
-    """The way through a building: its surfaces, the floor of each storey, the `legs` of the tour, (N, 2) on one storey,
-    (N, 3) over several, the heading at the start (rad), and the floors that are `raised`, None without any."""
+    """The way through a building: its surfaces, where the robot can drive on each storey, the `legs` of the tour
+    (N, 3), the heading at the start (rad), and the floors that are `raised`."""
 
     scene: TriangleScene
-    grids: Grids
+    planners: dict[StoreyModel, Planner]
     legs: tuple[Leg, ...]
     start_yaw: float
-    raised: Platforms | None
+    raised: Platforms
 
 
 def way_through(
-    models: list[StoreyModel],
-    top: float,
-    robot: Robot,
-    min_rooms: int,
-    min_length: float,
-    and_back: bool,
-    has_steps: bool,
-    seed: int,
+    models: list[StoreyModel], top: float, robot: Robot, min_rooms: int, min_length: float, has_steps: bool, seed: int
 ) -> Way:
-    """A random tour of the storeys, in their order, below `top` (m above the floor); see `plan_tour`.
+    """A random tour of the storeys, in their order, below `top` (m above the floor), from a random place on the first.
 
-    Raises UserError where the robot cannot move, or cannot climb from storey to storey.
+    On each storey the robot enters `min_rooms` rooms and drives `min_length` metres (see `tour`); on the last one it
+    ends where it arrived. Raises UserError where the robot cannot move, or cannot climb from storey to storey.
     """
     own = list(dict.fromkeys(models))
     scene = TriangleScene(np.concatenate([model.solid for model in own]))
-    grids = {model: build_grid(model, scene, top) for model in own}
     rng = np.random.default_rng(seed)
     start_yaw = float(rng.uniform(-np.pi, np.pi))
-    if len(models) == 1:
-        legs = plan_tour(grids[models[0]], robot.radius, min_rooms, min_length, rng)
-    else:
-        of = {model: Storey(model, Planner(grid, robot.radius, rng)) for model, grid in grids.items()}
-        legs = _plan_storeys([of[model] for model in models], scene, robot.radius, min_rooms, min_length, rng)
-    if and_back:
-        legs = (*legs, *(leg[::-1] for leg in reversed(legs)))
-    raised = platforms(models, legs, scene, seed) if has_steps else None
-    if raised is not None:
-        legs = tuple(raised.over(leg, models[0].level) for leg in legs)
-    return Way(scene, grids, legs, start_yaw, raised)
-
-
-def _plan_storeys(
-    storeys: Sequence[Storey],
-    scene: TriangleScene,
-    radius: float,
-    min_rooms: int,
-    min_length: float,
-    rng: np.random.Generator,
-) -> tuple[Leg, ...]:
-    """The legs (N, 3) of a drive over the storeys in their order, from a random place on the first.
-
-    On each storey the robot enters `min_rooms` rooms and drives `min_length` metres (see `tour`); on the last one it
-    ends where it arrived. Raises UserError where a stair is missing, or a storey cannot be driven.
-    """
-    ways = [stair_way(a, b, scene, radius) for a, b in pairwise(storeys)]
+    planners = {model: Planner(build_grid(model, scene, top), robot.radius, rng) for model in own}
+    storeys = [Storey(model, planners[model]) for model in models]
+    ways = [stair_way(a, b, scene, robot.radius) for a, b in pairwise(storeys)]
     planner = storeys[0].planner
     start = planner.random_cell(planner.rooms[rng.integers(len(planner.rooms))])
     legs: list[Leg] = []
     for k, storey in enumerate(storeys):
-        end = _cell(storey, ways[k][0]) if k < len(ways) else start
-        on_floor = tour(storey.planner, start, end, min_rooms, min_length, shortest=0.0)
+        end = storey.cell(ways[k][0]) if k < len(ways) else start
+        on_floor = tour(storey.planner, start, end, min_rooms, min_length, 0.0 if ways else SHORTEST)
         legs += [np.column_stack([leg, np.full(len(leg), storey.model.level)]) for leg in on_floor]
         if k < len(ways):
             legs.append(ways[k])
-            start = _cell(storeys[k + 1], ways[k][-1])
-    return tuple(legs)
-
-
-def _cell(storey: Storey, place: NDArray[np.float64]) -> Cell:
-    row, column = storey.planner.grid.to_cells(place[:2]).tolist()
-    return row, column
+            start = storeys[k + 1].cell(ways[k][-1])
+    raised = platforms(own, legs, scene, seed) if has_steps else Platforms(())
+    return Way(scene, planners, tuple(raised.over(leg) for leg in legs), start_yaw, raised)

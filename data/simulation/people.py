@@ -1,12 +1,13 @@
 """People: upright cylinders that walk about in the rooms that are entered, and one who follows the sensor."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from data.simulation.effects.platforms import Platforms
 from data.simulation.route import Grid
+from data.simulation.way import Way
 
 Array = NDArray[np.float64]
 HEIGHT, RADIUS = 1.7, 0.25  # m
@@ -39,20 +40,17 @@ class People:
         return nearest
 
 
-def people(
-    grids: list[tuple[Grid, float, list[int]]], way: Array, platforms: Platforms, rng: np.random.Generator
-) -> People:
-    """Who is about while the sensor is at `way` (M, 3), RATE a second: grids come with the floor's z and the indices
-    of the rooms that are entered."""
-    tracks = [_follower(grids[0][0], way, rng.uniform(*BEHIND), rng)]
-    for grid, level, rooms in grids:
-        for k in rooms:
-            for _ in range(rng.integers(IN_A_ROOM + 1)):
-                walk = _walk(grid, k, len(way), rng)
+def people(way: Way, rooms: Collection[str], track: Array, rng: np.random.Generator) -> People:
+    """Who is about in the `rooms` (ids) that are entered while the sensor is over `track` (M, 3), RATE a second."""
+    tracks = [_follower(next(iter(way.planners.values())).grid, track, rng.uniform(*BEHIND), rng)]
+    for model, planner in way.planners.items():
+        for k, room in enumerate(planner.grid.rooms):
+            for _ in range(rng.integers(IN_A_ROOM + 1) if room.id in rooms else 0):
+                walk = _walk(planner.grid, k, len(track), rng)
                 if walk is not None:
-                    ground = np.column_stack([walk, np.full(len(walk), level)])
-                    tracks.append(ground + np.column_stack([np.zeros_like(walk), platforms.rise(ground)]))
-    return People(np.stack([_kept_apart(track, way) for track in tracks]))
+                    ground = np.column_stack([walk, np.full(len(walk), model.level)])
+                    tracks.append(ground + way.raised.rise(ground)[:, None] * [0.0, 0.0, 1.0])
+    return People(np.stack([_kept_apart(walked, track) for walked in tracks]))
 
 
 def _follower(grid: Grid, way: Array, behind: float, rng: np.random.Generator) -> Array:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from data.geometry.raycast import BOX_FACES
-from data.simulation.route import CELL, Grid
+from data.simulation.route import CELL, Grid, Planner
+from data.simulation.storey_model import StoreyModel
 
 Array = NDArray[np.float64]
 SPOT = CELL / 2  # m between the points of a footprint
@@ -54,44 +55,39 @@ class UprightBox:
         return np.asarray(self.centre + np.column_stack([u.ravel(), v.ravel()]) @ self.sides)
 
 
-def furniture(
-    grid: Grid, level: float, way: Array, radius: float, doors: Sequence[Array], rng: np.random.Generator
-) -> list[UprightBox]:
-    """Pieces that keep `radius` and 5 cm more from the way (N, 2) of the sensor, and from doors, triangles each."""
-    trees = [(cKDTree(way), radius + 0.05)]
-    if doors:
-        trees.append((cKDTree(np.stack([door.reshape(-1, 3)[:, :2].mean(axis=0) for door in doors])), DOORWAY))
-    pieces: list[UprightBox] = []
+def furniture(planner: Planner, model: StoreyModel, way: Array, rng: np.random.Generator) -> list[Array]:
+    """The triangles of pieces that keep clear of the way (N, 2), and of doors."""
+    grid = planner.grid
+    trees = [(cKDTree(way), planner.need)]
+    if model.doors:
+        middles = [door.reshape(-1, 3)[:, :2].mean(axis=0) for door in model.doors]
+        trees.append((cKDTree(np.stack(middles)), DOORWAY))
+    pieces: list[Array] = []
     taken = np.zeros_like(grid.room, dtype=bool)
     for k in range(len(grid.rooms)):
         cells = np.argwhere((grid.room == k) & (grid.clearance > 0) & (grid.clearance < 0.45))
         if not len(cells):
             continue
-        count = min(MOST, int((grid.room == k).sum() * CELL**2 / EACH))
-        for _ in range(count):
-            piece = _placed(grid, cells, level, trees, taken, rng)
-            if piece is not None:
-                pieces.append(piece)
+        for _ in range(min(MOST, int((grid.room == k).sum() * CELL**2 / EACH))):
+            depths, widths, low, tops = PIECES[rng.choice(len(PIECES), p=(0.5, 0.25, 0.25))]
+            for row, column in cells[rng.integers(len(cells), size=TRIES)].tolist():
+                size = rng.uniform(*depths), rng.uniform(*widths)
+                box = _against_wall(grid, row, column, *size, model.level + low, model.level + rng.uniform(*tops))
+                if box is not None and _has_place(grid, box, trees, taken):
+                    pieces.append(box.triangles)
+                    break
     return pieces
 
 
-def _placed(
-    grid: Grid, cells: NDArray[np.int_], level: float, trees: list[tuple[cKDTree, float]],
-    taken: NDArray[np.bool_], rng: np.random.Generator,
-) -> UprightBox | None:  # fmt: skip
-    depths, widths, low, tops = PIECES[rng.choice(len(PIECES), p=(0.5, 0.25, 0.25))]
-    for row, column in cells[rng.integers(len(cells), size=TRIES)]:
-        depth, width, top = rng.uniform(*depths), rng.uniform(*widths), rng.uniform(*tops)
-        box = _against_wall(grid, int(row), int(column), depth, width, level + low, level + top)
-        if box is None:
-            continue
-        spots = box.footprint
-        at = tuple(np.clip(grid.to_cells(spots), 0, np.array(grid.room.shape) - 1).T)
-        stands = grid.clearance[at].min() > 0 and not taken[at].any()
-        if stands and all(tree.query(spots)[0].min() > far for tree, far in trees):
-            taken[at] = True
-            return box
-    return None
+def _has_place(grid: Grid, box: UprightBox, trees: list[tuple[cKDTree, float]], taken: NDArray[np.bool_]) -> bool:
+    """Whether a piece stands free of walls, of the trees' places and of other pieces; then its cells are taken."""
+    spots = box.footprint
+    at = tuple(np.clip(grid.to_cells(spots), 0, np.array(grid.room.shape) - 1).T)
+    stands = grid.clearance[at].min() > 0 and not taken[at].any()
+    if not stands or not all(tree.query(spots)[0].min() > far for tree, far in trees):
+        return False
+    taken[at] = True
+    return True
 
 
 def _against_wall(
@@ -110,10 +106,11 @@ def _against_wall(
     return UprightBox(wall + (depth / 2 + 0.01) * away, np.stack([depth / 2 * away, width / 2 * along]), low, high)
 
 
-def door_leaves(doors: Sequence[Array], way: Array, rng: np.random.Generator) -> list[UprightBox]:
-    """The leaves of doors, triangles (M, 3, 3) each, beside a way (N, 2); one that would be in the way is left out."""
+def door_leaves(doors: Sequence[Array], way: Array, rng: np.random.Generator) -> list[Array]:
+    """The triangles of the leaves of doors, themselves triangles (M, 3, 3) each, beside a way (N, 2); a leaf that would
+    be in the way is left out."""
     tree = cKDTree(way)
-    leaves: list[UprightBox] = []
+    leaves: list[Array] = []
     for door in doors:
         outline = _outline(door)
         if outline is None:
@@ -123,11 +120,9 @@ def door_leaves(doors: Sequence[Array], way: Array, rng: np.random.Generator) ->
         angle = np.radians(90.0 if passed else rng.choice([0.0, rng.uniform(*AJAR_DEG)]))
         low, high = float(door[:, :, 2].min()), float(door[:, :, 2].max()) - FRAME
         for hinge, width in _hinges(middle, along, bool(rng.integers(2))):
-            tries = [UprightBox(*_swung(hinge, width, across * side, angle), low, high) for side in (1.0, -1.0)]
-            if not passed:
-                tries.append(UprightBox(*_swung(hinge, width, across, 0.0), low, high))
-            free = [leaf for leaf in tries if tree.query(leaf.footprint)[0].min() > BESIDE]
-            leaves += free[:1]
+            tries = [(across, angle), (-across, angle)] + ([] if passed else [(across, 0.0)])
+            swung = [UprightBox(*_swung(hinge, width, *how), low, high) for how in tries]
+            leaves += [leaf.triangles for leaf in swung if tree.query(leaf.footprint)[0].min() > BESIDE][:1]
     return leaves
 
 

@@ -1,6 +1,6 @@
 """Raised floors in some rooms, and the way over them."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,18 +43,17 @@ class Platforms:
             rise[near] = np.where(shapely.contains_xy(area, places[near, 0], places[near, 1]), RISE, 0.0)
         return rise
 
-    def over(self, leg: Array, level: float) -> Array:
-        """(N, 3) a leg (N, 2) or (N, 3) over the platforms."""
-        ground = leg if leg.shape[1] == 3 else np.column_stack([leg, np.full(len(leg), level)])
-        rise = gaussian_filter1d(self.rise(ground), SMOOTH / SPACING, mode="nearest")
-        return ground + np.column_stack([np.zeros((len(leg), 2)), rise])
+    def over(self, leg: Array) -> Array:
+        """A leg (N, 3) over the platforms."""
+        rise = gaussian_filter1d(self.rise(leg), SMOOTH / SPACING, mode="nearest")
+        return leg + rise[:, None] * [0.0, 0.0, 1.0]
 
 
-def platforms(models: Sequence[StoreyModel], legs: Sequence[Array], scene: TriangleScene, seed: int) -> Platforms:
-    """Raises the floor of SHARE of the rooms, of one at least that the way's legs (N, 2) or (N, 3) enter; `scene` is
+def platforms(models: Iterable[StoreyModel], legs: Sequence[Array], scene: TriangleScene, seed: int) -> Platforms:
+    """Raises the floor of SHARE of the rooms, of one at least that the way's legs (N, 3) enter; `scene` is
     the building."""
     rng, way, areas = np.random.default_rng([seed, 52]), np.concatenate(legs)[:, :2], []
-    for model in dict.fromkeys(models):
+    for model in models:
         rooms = [area for space in model.spaces if not (area := _inner(space, model.level, scene)).is_empty]
         entered = [shapely.contains_xy(area, way[::20, 0], way[::20, 1]).any() for area in rooms]
         chosen = rng.random(len(rooms)) < SHARE
