@@ -1,7 +1,8 @@
 """How walls, doors, windows and columns of a storey differ from the plan: moved, not built, not planned; at random."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import islice
 from typing import Literal
 
 import ifcopenshell
@@ -19,6 +20,7 @@ GAP = 0.05  # m between a displaced opening and the wall's end, another opening,
 AT_FACE = 0.01  # m from a wall's face, within which something stands at it
 NICHE = 0.02  # m of a wall's thickness that an opening may leave and still go through it
 Array = NDArray[np.float64]
+Kind = Literal["moved", "absent", "unplanned", "displaced", "filled"]
 
 
 @dataclass(frozen=True)
@@ -48,13 +50,14 @@ class Changes:
             raise UserError(f"walls moved by {self.moved_by:g} m: give more than 0, and at most {MOST:g}")
         if not 0 < self.displaced_by <= MOST:
             raise UserError(f"displaced by {self.displaced_by:g} m: give more than 0, and at most {MOST:g}")
-        for what, shares in self._shares.items():
+        for what, shares in self.shares.items():
             if not (min(shares.values()) >= 0 and sum(shares.values()) <= 1):  # nor NaN
                 named = [f"{name} ({share:g})" for name, share in shares.items()]
                 raise UserError(f"shares of {', '.join(named[:-1])} and {named[-1]} {what}: give 0 to 1 in all")
 
     @property
-    def _shares(self) -> dict[str, dict[str, float]]:
+    def shares(self) -> dict[str, dict[Kind, float]]:
+        """By kind of element and kind of change."""
         return {
             "walls": {"moved": self.moved, "absent": self.absent, "unplanned": self.unplanned},
             "openings": {"displaced": self.openings_displaced, "filled": self.openings_filled},
@@ -64,7 +67,7 @@ class Changes:
     @property
     def any(self) -> bool:
         """Whether anything changes."""
-        return any(share for shares in self._shares.values() for share in shares.values())
+        return any(share for shares in self.shares.values() for share in shares.values())
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,7 @@ class Change:
     """
 
     id: str
-    kind: Literal["moved", "absent", "unplanned", "displaced", "filled"]
+    kind: Kind
     offset_in_bim: tuple[float, float] = (0.0, 0.0)
 
 
@@ -88,25 +91,33 @@ def draw_changes(
 ) -> tuple[Change, ...]:
     """Chooses among a storey's `own` products at random, the same for the same seed.
 
-    A wall's shift is across its footprint. `openings` are the IfcOpeningElements, of the whole model if need be; see
-    `draw_openings`. A column's shift has any horizontal direction.
+    A wall's shift is across its footprint, a column's has any horizontal direction. `openings` are the
+    IfcOpeningElements, of the whole model if need be; see `_draw_openings`.
     """
     walls, columns = (of_class(model, own, ifc_class) for ifc_class in ("IfcWall", "IfcColumn"))
-    drawn = _draw_walls(walls, changes, seed)
+    of_walls, of_openings, of_columns = (np.random.default_rng([seed, chance]) for chance in (101, 103, 104))
+
+    def aside(wall: IfcProduct) -> Array:
+        by = of_walls.uniform(LEAST, MOST)
+        by = by if changes.moved_by is None else changes.moved_by
+        return by * of_walls.choice([-1.0, 1.0]) * across(wall)
+
+    def anywhere(column: IfcProduct) -> Array:
+        angle = of_columns.uniform(-np.pi, np.pi)
+        return changes.displaced_by * np.array([np.cos(angle), np.sin(angle)])
+
+    drawn = _drawn(walls, changes.shares["walls"], aside, of_walls)
     changed = {change.id for change in drawn}
-    drawn += draw_openings(model, walls, columns, openings, changed, changes, seed)
-    drawn += _draw_columns(columns, changes, seed)
+    drawn += _draw_openings(model, walls, columns, openings, changed, changes, of_openings)
+    drawn += _drawn(columns, changes.shares["columns"], anywhere, of_columns)
     return tuple(sorted(drawn, key=lambda change: change.id))
 
 
 def draw_tolerances(walls: list[IfcProduct], tolerance: float, seed: int) -> tuple[Change, ...]:
     """A Gaussian shift of each wall across its footprint, of this standard deviation in metres."""
     rng = np.random.default_rng([seed, 102])
-    drawn = []
-    for wall in sorted(walls, key=lambda wall: wall.global_id):
-        x, y = (rng.normal(0.0, tolerance) * across(wall)).tolist()
-        drawn.append(Change(wall.global_id, "moved", (x, y)))
-    return tuple(drawn)
+    walls = sorted(walls, key=lambda wall: wall.global_id)
+    return tuple(_changed(wall, "moved", rng.normal(0.0, tolerance) * across(wall)) for wall in walls)
 
 
 def of_class(model: ifcopenshell.file, own: list[IfcProduct], ifc_class: str) -> list[IfcProduct]:
@@ -114,33 +125,31 @@ def of_class(model: ifcopenshell.file, own: list[IfcProduct], ifc_class: str) ->
     return [product for product in own if model.by_guid(product.global_id).is_a(ifc_class)]
 
 
-def _draw_walls(walls: list[IfcProduct], changes: Changes, seed: int) -> list[Change]:
-    rng = np.random.default_rng([seed, 101])
-    walls = sorted(walls, key=lambda wall: wall.global_id)
-    moved, absent, unplanned = (round(s * len(walls)) for s in (changes.moved, changes.absent, changes.unplanned))
-    chosen = [walls[k] for k in rng.permutation(len(walls))]
-    drawn = []
-    for wall in chosen[:moved]:
-        by = rng.uniform(LEAST, MOST)
-        by = by if changes.moved_by is None else changes.moved_by
-        x, y = (by * rng.choice([-1.0, 1.0]) * across(wall)).tolist()
-        drawn.append(Change(wall.global_id, "moved", (x, y)))
-    drawn += [Change(wall.global_id, "absent") for wall in chosen[moved : moved + absent]]
-    drawn += [Change(wall.global_id, "unplanned") for wall in chosen[moved + absent : moved + absent + unplanned]]
+def across(wall: IfcProduct) -> Array:
+    """(2,) the unit vector along the shorter side of the smallest rectangle around the footprint."""
+    around = shapely.oriented_envelope(shapely.multipoints(wall.vertices[:, :2]))
+    corners = np.asarray(around.exterior.coords)
+    sides = np.diff(corners[:3], axis=0)
+    lengths = np.linalg.norm(sides, axis=1)
+    return np.asarray(sides[np.argmin(lengths)] / lengths.min())
+
+
+def _changed(product: IfcProduct, kind: Kind, offset: Array) -> Change:
+    x, y = offset.tolist()
+    return Change(product.global_id, kind, (x, y))
+
+
+def _drawn(
+    own: list[IfcProduct], shares: Mapping[Kind, float], offset: Callable[[IfcProduct], Array], rng: np.random.Generator
+) -> list[Change]:
+    """By kind of change a share of the products, by chance; those that stand elsewhere do so by an offset."""
+    own = sorted(own, key=lambda product: product.global_id)
+    order, drawn = iter(rng.permutation(len(own))), list[Change]()
+    for kind, share in shares.items():
+        for k in islice(order, round(share * len(own))):
+            stands = kind in ("moved", "displaced")
+            drawn.append(_changed(own[k], kind, offset(own[k]) if stands else np.zeros(2)))
     return drawn
-
-
-def _draw_columns(columns: list[IfcProduct], changes: Changes, seed: int) -> list[Change]:
-    rng = np.random.default_rng([seed, 104])
-    columns = sorted(columns, key=lambda column: column.global_id)
-    displaced, absent = (round(s * len(columns)) for s in (changes.columns_displaced, changes.columns_absent))
-    chosen = [columns[k].global_id for k in rng.permutation(len(columns))]
-    drawn = []
-    for column in chosen[:displaced]:
-        angle = rng.uniform(-np.pi, np.pi)
-        x, y = (changes.displaced_by * np.array([np.cos(angle), np.sin(angle)])).tolist()
-        drawn.append(Change(column, "displaced", (x, y)))
-    return drawn + [Change(column, "absent") for column in chosen[displaced : displaced + absent]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,23 +161,25 @@ class _Opening:
     volume: IfcProduct
 
 
-def draw_openings(
+def _draw_openings(
     model: ifcopenshell.file, walls: list[IfcProduct], columns: list[IfcProduct], volumes: list[IfcProduct],
-    changed: Collection[str], changes: Changes, seed: int,
+    changed: Collection[str], changes: Changes, rng: np.random.Generator,
 ) -> list[Change]:  # fmt: skip
-    """Chooses doors and windows in openings of a storey's `walls`, the same for the same seed; none in the walls that
-    are `changed` (GlobalIds). `volumes` are the IfcOpeningElements.
+    """Chooses doors and windows in openings of a storey's `walls`; none in the walls that are `changed` (GlobalIds).
+    `volumes` are the IfcOpeningElements.
 
     A displaced opening stays within its wall, and clear of the wall's other openings, of other walls and of columns.
     Fewer are displaced where too few can be.
     """
-    rng = np.random.default_rng([seed, 103])
     openings = sorted(_openings(model, walls, volumes), key=lambda opening: opening.filling)
     displaced, filled = (round(s * len(openings)) for s in (changes.openings_displaced, changes.openings_filled))
     openings = [opening for opening in openings if opening.wall.global_id not in changed]
     of_walls = {key for wall in walls for key in _opening_ids(model, wall)}
     holes = [volume for volume in volumes if volume.global_id in of_walls]
-    in_the_way = {product.global_id: _hull(product) for product in (*walls, *columns, *holes)}
+    in_the_way = {
+        product.global_id: shapely.convex_hull(shapely.multipoints(product.vertices[:, :2]))
+        for product in (*walls, *columns, *holes)
+    }
     senses = rng.choice([-1.0, 1.0], len(openings))
     drawn, left = list[Change](), list[_Opening]()
     for k in rng.permutation(len(openings)):
@@ -181,15 +192,6 @@ def draw_openings(
         place = opening.volume.global_id
         in_the_way[place] = shapely.affinity.translate(in_the_way[place], *offset)
     return drawn + [Change(opening.filling, "filled") for opening in left[:filled]]
-
-
-def across(wall: IfcProduct) -> Array:
-    """(2,) the unit vector along the shorter side of the smallest rectangle around the footprint."""
-    around = shapely.oriented_envelope(shapely.multipoints(wall.vertices[:, :2]))
-    corners = np.asarray(around.exterior.coords)
-    sides = np.diff(corners[:3], axis=0)
-    lengths = np.linalg.norm(sides, axis=1)
-    return np.asarray(sides[np.argmin(lengths)] / lengths.min())
 
 
 def _opening_ids(model: ifcopenshell.file, wall: IfcProduct) -> Iterator[str]:
@@ -233,7 +235,3 @@ def _offset(opening: _Opening, by: float, in_the_way: dict[str, shapely.Geometry
             x, y = (step * axes[0]).tolist()
             return x, y
     return None
-
-
-def _hull(product: IfcProduct) -> shapely.Geometry:
-    return shapely.convex_hull(shapely.multipoints(product.vertices[:, :2]))

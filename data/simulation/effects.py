@@ -100,13 +100,13 @@ def furnished(
     its own, so that one does not change another."""
     track = np.concatenate(way.legs)[::5, :2]
     added = [way.raised.triangles]
-    for k, (model, planner) in enumerate(way.planners.items()):
+    for k, planner in enumerate(way.planners):
         if "doors" in effects:
-            added += door_leaves(model.doors, track, np.random.default_rng([seed, 53, k]))
+            added += door_leaves(planner.model.doors, track, np.random.default_rng([seed, 53, k]))
         if "shelves" in effects:
-            added += furniture(planner, model, track, np.random.default_rng([seed, 54, k]))
-    solid = np.concatenate([model.solid for model in way.planners])
-    glazed = np.concatenate([model.glazed for model in way.planners])
+            added += furniture(planner, track, np.random.default_rng([seed, 54, k]))
+    solid = np.concatenate([planner.model.solid for planner in way.planners])
+    glazed = np.concatenate([planner.model.glazed for planner in way.planners])
     panes, about = None, None
     if "glass" in effects and glazed.any():
         panes, solid = TriangleScene(solid[glazed]), solid[~glazed]

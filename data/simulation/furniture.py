@@ -11,7 +11,6 @@ from scipy.spatial import cKDTree
 
 from data.geometry.raycast import BOX_FACES
 from data.simulation.route import CELL, Grid, Planner
-from data.simulation.storey_model import StoreyModel
 
 Array = NDArray[np.float64]
 SPOT = CELL / 2  # m between the points of a footprint
@@ -55,9 +54,9 @@ class UprightBox:
         return np.asarray(self.centre + np.column_stack([u.ravel(), v.ravel()]) @ self.sides)
 
 
-def furniture(planner: Planner, model: StoreyModel, way: Array, rng: np.random.Generator) -> list[Array]:
+def furniture(planner: Planner, way: Array, rng: np.random.Generator) -> list[Array]:
     """The triangles of pieces that keep clear of the way (N, 2), and of doors."""
-    grid = planner.grid
+    grid, model = planner.grid, planner.model
     trees = [(cKDTree(way), planner.need)]
     if model.doors:
         middles = [door.reshape(-1, 3)[:, :2].mean(axis=0) for door in model.doors]

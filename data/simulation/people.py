@@ -42,13 +42,13 @@ class People:
 
 def people(way: Way, rooms: Collection[str], track: Array, rng: np.random.Generator) -> People:
     """Who is about in the `rooms` (ids) that are entered while the sensor is over `track` (M, 3), RATE a second."""
-    tracks = [_follower(next(iter(way.planners.values())).grid, track, rng.uniform(*BEHIND), rng)]
-    for model, planner in way.planners.items():
+    tracks = [_follower(way.planners[0].grid, track, rng.uniform(*BEHIND), rng)]
+    for planner in way.planners:
         for k, room in enumerate(planner.grid.rooms):
             for _ in range(rng.integers(IN_A_ROOM + 1) if room.id in rooms else 0):
                 walk = _walk(planner.grid, k, len(track), rng)
                 if walk is not None:
-                    ground = np.column_stack([walk, np.full(len(walk), model.level)])
+                    ground = np.column_stack([walk, np.full(len(walk), planner.model.level)])
                     tracks.append(ground + way.raised.rise(ground)[:, None] * [0.0, 0.0, 1.0])
     return People(np.stack([_kept_apart(walked, track) for walked in tracks]))
 

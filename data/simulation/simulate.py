@@ -200,15 +200,15 @@ def _visited(way: Way, stamps: Array, ground: Array) -> tuple[VisitedRoom, ...]:
     visited: list[VisitedRoom] = []
     highest = ON_FLOOR + RISE if way.raised.areas else ON_FLOOR
     entered = np.full((len(way.planners), len(ground)), -1)
-    for row, (model, planner) in enumerate(way.planners.items()):
-        above = ground[:, 3] - model.level
+    for row, planner in enumerate(way.planners):
+        above = ground[:, 3] - planner.model.level
         on = (above > -ON_FLOOR) & (above < highest)
         entered[row, on] = planner.grid.room_at(ground[on, :2])
     for stamp, of in zip(stamps, entered.T, strict=True):
-        for k, (model, planner) in zip(of, way.planners.items(), strict=True):
+        for k, planner in zip(of, way.planners, strict=True):
             room = planner.grid.rooms[k]
             if k >= 0 and (not visited or visited[-1].id != room.id):
-                visited.append(VisitedRoom(room.id, room.name, room.long_name, float(stamp), model.name))
+                visited.append(VisitedRoom(room.id, room.name, room.long_name, float(stamp), planner.model.name))
     return tuple(visited)
 
 
