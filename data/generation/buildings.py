@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
-from data.generation.cells import treemap
-from data.generation.layouts import apartment, racetrack, wing_cells, wings_drawn
-from data.generation.storey import HALLS, Cell, Storey, Walls, built, furnished
+from data.generation.apartments import apartment, treemap
+from data.generation.storey import HALLS, Cell, Storey, Walls, built, furnished, is_rectangle
+from data.generation.wings import racetrack, wing_cells, wings_drawn
 from data.plans import Plan
 from data.plans.polygons import MIN_EDGE, DrawnRoom, Points, edges_of, room_of, surfaces_of
 from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface
@@ -153,9 +153,8 @@ def _rebuilt(cells: Sequence[Cell], rng: Rng, share: float) -> list[Cell]:
     """Some rooms are divided by a new wall."""
     result: list[Cell] = []
     for cell in cells:
-        x0, y0, x1, y1 = cell.area.bounds
-        whole = cell.area.area > 0.999 * (x1 - x0) * (y1 - y0) and cell.kind not in HALLS
-        if whole and cell.area.area > 10 and rng.random() < share:
+        whole = is_rectangle(cell) and cell.kind not in HALLS and cell.area.area > 10
+        if whole and rng.random() < share:
             part = float(rng.uniform(0.35, 0.65))
             result += treemap(rng, cell.area, [(cell.kind, part), (cell.kind, 1 - part)])
         else:

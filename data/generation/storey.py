@@ -30,6 +30,12 @@ class Cell:
     kind: str = "room"
 
 
+def is_rectangle(cell: Cell) -> bool:
+    """Whether it is one along the axes."""
+    x0, y0, x1, y1 = cell.area.bounds
+    return bool(cell.area.area > 0.999 * (x1 - x0) * (y1 - y0))
+
+
 @dataclass(frozen=True)
 class Walls:
     """Thickness of the walls between rooms, along corridors, and outside."""
