@@ -17,8 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from data.common.errors import UserError
 from data.geometry.poses import poses_to_xyzquat
-from data.simulation.drive import Drive, Robot
-from data.simulation.motion import KNOTS, Array, Motion, continuous, level_motion, smooth_motion
+from data.simulation.drive import KNOTS, Array, Drive, Motion, Robot, continuous, level_motion, smooth_motion
 from data.trajectory import Trajectory
 
 ROUNDED = 0.2  # s by which a walker's way is smoothed: no one starts, stops or turns at once

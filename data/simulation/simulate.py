@@ -22,10 +22,9 @@ from data.scans.writers import SCAN_WRITERS, WITH_TIMES
 from data.simulation.as_built import write_plan_without
 from data.simulation.carriers import WHEELED, Carrier
 from data.simulation.changes import AS_PLANNED, Change, Changes
-from data.simulation.drive import plan_drive
+from data.simulation.drive import Motion, plan_drive
 from data.simulation.effects import World, checked, furnished, noisy
-from data.simulation.motion import Motion
-from data.simulation.platforms import RISE
+from data.simulation.furniture import RISE
 from data.simulation.route import curve_length
 from data.simulation.sensor import VLP_16, Points, Sensor, described, imu_named, measured
 from data.simulation.storey_model import load_storeys

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from data.common.errors import UserError
 from data.geometry.raycast import TriangleScene
 from data.simulation.drive import Robot
-from data.simulation.platforms import Platforms, platforms
+from data.simulation.furniture import Platforms, platforms
 from data.simulation.route import SHORTEST, Planner, build_grid, resampled, smoothed, tour
 from data.simulation.storey_model import StoreyModel, Triangles
 

@@ -16,7 +16,7 @@ from data.scans import ScanFolder
 from data.simulation import SimulatedRun, SpinningSensor
 from data.simulation.carriers import HANDHELD, WHEELED
 from data.simulation.effects import EFFECTS, World, checked
-from data.simulation.platforms import FROM_WALLS, RISE
+from data.simulation.furniture import FROM_WALLS, RISE
 from data.simulation.simulate import simulate
 from data.simulation.storey_model import load_storeys
 
