@@ -1,9 +1,8 @@
 """The storeys of an A-graph for exploration: which rooms are connected, and walks through them."""
 
-import heapq
+import math
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import count
 
 import numpy as np
 import shapely
@@ -177,43 +176,35 @@ def nearest_first(storey: Storey, start: int) -> tuple[Walk, int]:
     Distances follow straight lines from door to door. Since a model may lack doors, the remaining rooms follow across
     walls, nearest first.
     """
-    rooms, parents, by_doors, tie = [start], [-1], 0, count()
-    queue: list[tuple[float, int, int, int, int]] = []  # of Dijkstra: the way to a door, from which room to which one
-    passed: set[tuple[int, int]] = set()
-    doors_of: list[list[tuple[int, int]]] = [[] for _ in storey.rooms]
-    for door, (i, j, _) in enumerate(storey.doors):
-        doors_of[i].append((door, j))
-        doors_of[j].append((door, i))
-
-    def enter(room: int, way: float, place: Array) -> None:
-        for door, beyond in doors_of[room]:
-            far = way + float(np.hypot(*(storey.doors[door][2] - place)))
-            heapq.heappush(queue, (far, next(tie), room, door, beyond))
-
-    enter(start, 0.0, storey.middle[start])
+    rooms, parents, by_doors = [start], [-1], 0
     while True:
-        while queue:
-            way, _, parent, door, room = heapq.heappop(queue)
-            if (parent, door) in passed:
-                continue
-            passed.add((parent, door))
-            enter(room, way, storey.doors[door][2])
-            if room not in rooms:
+        for door in _doors_by_distance(storey, rooms[-1]):
+            i, j, _ = storey.doors[door]
+            if (i in rooms) != (j in rooms):
+                parent, room = (i, j) if i in rooms else (j, i)
                 parents.append(rooms.index(parent))
                 rooms.append(room)
         by_doors = by_doors or len(rooms)
-        ways = [
-            (float(np.hypot(*(storey.middle[k] - storey.middle[r]))), n, k)
-            for n, r in enumerate(rooms)
-            for k in storey.across_walls[r]
-        ]
-        ways = [way for way in ways if way[2] not in rooms]
-        if not ways:
+        steps = [(n, k) for n, r in enumerate(rooms) for k in storey.across_walls[r] if k not in rooms]
+        if not steps:
             return Walk(tuple(rooms), tuple(parents)), by_doors
-        far, at, room = min(ways)
+        at, room = min(steps, key=lambda step: math.dist(storey.middle[rooms[step[0]]], storey.middle[step[1]]))
         parents.append(at)
         rooms.append(room)
-        enter(room, far, storey.middle[room])
+
+
+def _doors_by_distance(storey: Storey, start: int) -> list[int]:
+    """The doors that can be reached from a room's middle, nearest first."""
+    from scipy.sparse.csgraph import dijkstra  # slow to import
+
+    joined = [(start, start), *((i, j) for i, j, _ in storey.doors)]
+    place = np.array([storey.middle[start], *(at for _, _, at in storey.doors)])
+    of = np.zeros((len(joined), len(storey.rooms)), dtype=np.float32)
+    of[np.arange(len(joined))[:, None], joined] = 1.0
+    apart = np.hypot(*(place[:, None] - place).transpose(2, 0, 1))
+    # a way of no length, between two leaves of one door, would be none
+    far = dijkstra(np.where(of @ of.T > 0, np.maximum(apart, 1e-9), 0.0), directed=False, indices=0)[1:]
+    return [door for door in np.argsort(far, kind="stable").tolist() if np.isfinite(far[door])]
 
 
 def _nearest_remaining(storey: Storey, rooms: list[int], walled: NDArray[np.bool_]) -> Way:
