@@ -6,7 +6,6 @@ surveys indoors, not to one recording: of a calm hand, the tilt from the mean at
 the place.
 """
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -31,8 +30,8 @@ SHORTEST = 5.0  # s
 
 
 @dataclass(frozen=True)
-class Carrier(ABC):
-    """Who carries a sensor, `height` (m) above the floor.
+class Carrier:
+    """Who carries a sensor, `height` (m) above the floor: a robot that stands upright, and climbs stairs as if on legs.
 
     `robot` is how it drives or walks, `rolling` whether its scans are measured while it moves, unless effects say
     otherwise, and `top` (m) how far the body reaches above the floor.
@@ -44,9 +43,9 @@ class Carrier(ABC):
     top: float
     rolling: bool
 
-    @abstractmethod
     def motion(self, drive: Drive, seed: int) -> Motion:
         """The sensor's motion along a drive."""
+        return level_motion(drive, self.height)
 
     def _moved(self, way: Array, offset: Array, attitude: Rotation) -> Motion:
         """Over the ground `way` (N, 4), KNOTS a second, with the sensor off the middle by `offset` (N, 3), in metres
@@ -54,14 +53,6 @@ class Carrier(ABC):
         x_y = _bounded(offset[:, :2], self.robot.radius - NEAREST)
         places = way[:, [0, 1, 3]] + [0.0, 0.0, self.height] + _turned(np.column_stack([x_y, offset[:, 2]]), way[:, 2])
         return smooth_motion(np.column_stack([places, attitude.as_quat()]), way)
-
-
-@dataclass(frozen=True)
-class Wheeled(Carrier):
-    """It stands upright and takes the sensor along its way; it climbs stairs as if on legs."""
-
-    def motion(self, drive: Drive, seed: int) -> Motion:
-        return level_motion(drive, self.height)
 
 
 @dataclass(frozen=True)
@@ -238,7 +229,7 @@ def _loop(values: Array) -> Array:
     return np.concatenate([weight * first + (1 - weight) * last, values[count:-count]])
 
 
-WHEELED, HANDHELD = Wheeled("wheeled", Robot(), height=0.8, top=1.6, rolling=False), Walker()
+WHEELED, HANDHELD = Carrier("wheeled", Robot(), height=0.8, top=1.6, rolling=False), Walker()
 POLE = Walker(
     name="pole", height=1.9, top=1.95, bob=0.015, sway=0.01, tilt_deg=2.5, tilt_time=2.0, liveliness=0.4, rock_deg=0.4,
     glance_deg=10.0, lever=0.8,

@@ -1,6 +1,6 @@
 """How walls, doors, windows and columns of a storey differ from the plan: moved, not built, not planned; at random."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from itertools import islice
 from typing import Literal
@@ -152,80 +152,61 @@ def _drawn(
     return drawn
 
 
-@dataclass(frozen=True, eq=False)
-class _Opening:
-    """GlobalId of its door or window, the wall that it is in, and its own volume."""
-
-    filling: str
-    wall: IfcProduct
-    volume: IfcProduct
+Opening = tuple[str, IfcProduct, IfcProduct]  # GlobalId of its door or window, its wall, its own volume
 
 
 def _draw_openings(
     model: ifcopenshell.file, walls: list[IfcProduct], columns: list[IfcProduct], volumes: list[IfcProduct],
     changed: Collection[str], changes: Changes, rng: np.random.Generator,
 ) -> list[Change]:  # fmt: skip
-    """Chooses doors and windows in openings of a storey's `walls`; none in the walls that are `changed` (GlobalIds).
-    `volumes` are the IfcOpeningElements.
+    """Chooses doors and windows that alone fill an opening of a storey's `walls`; none in the walls that are `changed`
+    (GlobalIds), or made of parts: their openings cut the parts. `volumes` are the IfcOpeningElements.
 
     A displaced opening stays within its wall, and clear of the wall's other openings, of other walls and of columns.
     Fewer are displaced where too few can be.
     """
-    openings = sorted(_openings(model, walls, volumes), key=lambda opening: opening.filling)
-    displaced, filled = (round(s * len(openings)) for s in (changes.openings_displaced, changes.openings_filled))
-    openings = [opening for opening in openings if opening.wall.global_id not in changed]
-    of_walls = {key for wall in walls for key in _opening_ids(model, wall)}
-    holes = [volume for volume in volumes if volume.global_id in of_walls]
-    in_the_way = {
-        product.global_id: shapely.convex_hull(shapely.multipoints(product.vertices[:, :2]))
-        for product in (*walls, *columns, *holes)
-    }
-    senses = rng.choice([-1.0, 1.0], len(openings))
-    drawn, left = list[Change](), list[_Opening]()
-    for k in rng.permutation(len(openings)):
-        opening = openings[k]
-        offset = _offset(opening, senses[k] * changes.displaced_by, in_the_way) if len(drawn) < displaced else None
-        if offset is None:
-            left.append(opening)
-            continue
-        drawn.append(Change(opening.filling, "displaced", offset))
-        place = opening.volume.global_id
-        in_the_way[place] = shapely.affinity.translate(in_the_way[place], *offset)
-    return drawn + [Change(opening.filling, "filled") for opening in left[:filled]]
-
-
-def _opening_ids(model: ifcopenshell.file, wall: IfcProduct) -> Iterator[str]:
-    for voids in model.by_guid(wall.global_id).HasOpenings:
-        yield voids.RelatedOpeningElement.GlobalId
-
-
-def _openings(model: ifcopenshell.file, walls: list[IfcProduct], volumes: list[IfcProduct]) -> Iterator[_Opening]:
-    """Those that one door or window fills. Walls made of parts are left out: their openings cut the parts."""
-    volume_of = {volume.global_id: volume for volume in volumes}
+    volume_of, openings, stand = {volume.global_id: volume for volume in volumes}, list[Opening](), [*walls, *columns]
     for wall in walls:
         entity = model.by_guid(wall.global_id)
-        if entity.Representation is None or entity.IsDecomposedBy:
-            continue
-        for key in _opening_ids(model, wall):
-            opening = model.by_guid(key)
-            fillings = [fills.RelatedBuildingElement for fills in opening.HasFillings]
-            can_move = opening.GlobalId in volume_of and opening.ObjectPlacement.is_a("IfcLocalPlacement")
+        for hole in (voids.RelatedOpeningElement for voids in entity.HasOpenings):
+            if (volume := volume_of.get(hole.GlobalId)) is None:
+                continue
+            stand.append(volume)
+            fillings = [fills.RelatedBuildingElement for fills in hole.HasFillings]
+            can_move = (
+                entity.Representation and not entity.IsDecomposedBy and hole.ObjectPlacement.is_a("IfcLocalPlacement")
+            )
             if can_move and len(fillings) == 1 and any(fillings[0].is_a(c) for c in FILLINGS):
-                yield _Opening(fillings[0].GlobalId, wall, volume_of[opening.GlobalId])
+                openings.append((fillings[0].GlobalId, wall, volume))
+    displaced, filled = (round(s * len(openings)) for s in (changes.openings_displaced, changes.openings_filled))
+    openings = sorted((o for o in openings if o[1].global_id not in changed), key=lambda opening: opening[0])
+    in_the_way = {p.global_id: shapely.convex_hull(shapely.multipoints(p.vertices[:, :2])) for p in stand}
+    senses = rng.choice([-1.0, 1.0], len(openings))
+    drawn, left = list[Change](), list[str]()
+    for k in rng.permutation(len(openings)):
+        filling, wall, volume = openings[k]
+        others = [shape for key, shape in in_the_way.items() if key not in (wall.global_id, volume.global_id)]
+        offset = _offset(wall, volume, senses[k] * changes.displaced_by, others) if len(drawn) < displaced else None
+        if offset is None:
+            left.append(filling)
+            continue
+        drawn.append(Change(filling, "displaced", offset))
+        in_the_way[volume.global_id] = shapely.affinity.translate(in_the_way[volume.global_id], *offset)
+    return drawn + [Change(filling, "filled") for filling in left[:filled]]
 
 
-def _offset(opening: _Opening, by: float, in_the_way: dict[str, shapely.Geometry]) -> tuple[float, float] | None:
-    """The shift by so many metres along the wall, forward or else back, (x, y) in the BIM frame; None if neither way
-    is free, and for an opening that does not go straight through its wall.
+def _offset(
+    host: IfcProduct, volume: IfcProduct, by: float, others: list[shapely.Geometry]
+) -> tuple[float, float] | None:
+    """The shift by so many metres along the wall, forward or else back, (x, y) in the BIM frame; None if `others` stand
+    in both ways, and for an opening that does not go straight through its wall.
     """
-    v = across(opening.wall)
+    v = across(host)
     axes = np.array([[-v[1], v[0]], v])
-    hole, wall = (product.vertices[:, :2] @ axes.T for product in (opening.volume, opening.wall))
+    hole, wall = (product.vertices[:, :2] @ axes.T for product in (volume, host))
     (first, front), (last, back) = wall.min(axis=0), wall.max(axis=0)
     if hole[:, 1].min() > front + NICHE or hole[:, 1].max() < back - NICHE:
         return None
-    itself = (opening.wall.global_id, opening.volume.global_id)
-    others = [shape for key, shape in in_the_way.items() if key not in itself]
     for step in (by, -by):
         edge = hole[:, 0].max() if step > 0 else hole[:, 0].min()
         low, high = sorted((edge, edge + step + np.copysign(GAP, step)))

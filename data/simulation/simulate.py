@@ -27,7 +27,7 @@ from data.simulation.effects import World, checked, furnished, noisy
 from data.simulation.furniture import RISE
 from data.simulation.route import curve_length
 from data.simulation.sensor import VLP_16, Points, Sensor, described, imu_named, measured
-from data.simulation.storey_model import load_storeys
+from data.simulation.storey_model import RoomLabel, load_storeys
 from data.simulation.way import Way, way_through
 from data.trajectory import Trajectory
 from data.trajectory.stamps import ns_to_seconds
@@ -42,14 +42,10 @@ SENSOR_TOP = 0.1  # m: half a sensor's height
 
 
 @dataclass(frozen=True)
-class VisitedRoom:
-    """A room (GlobalId, Name and LongName of its IfcSpace), the time (s) at which the robot first entered it, and the
-    name of its storey."""
+class VisitedRoom(RoomLabel):
+    """A room, the time (s) at which the robot first entered it, and the name of its storey."""
 
-    id: str
-    name: str
-    long_name: str
-    entered_s: float
+    entered_s: float = 0.0
     storey: str = ""
 
 
@@ -207,7 +203,7 @@ def _visited(way: Way, stamps: Array, ground: Array) -> tuple[VisitedRoom, ...]:
         for k, planner in zip(of, way.planners, strict=True):
             room = planner.grid.rooms[k]
             if k >= 0 and (not visited or visited[-1].id != room.id):
-                visited.append(VisitedRoom(room.id, room.name, room.long_name, float(stamp), planner.model.name))
+                visited.append(VisitedRoom(**asdict(room), entered_s=float(stamp), storey=planner.model.name))
     return tuple(visited)
 
 

@@ -57,7 +57,6 @@ class StoreyModel:
     solid triangles of windows and of curtain walls' panels.
     """
 
-    id: str
     name: str
     level: float
     spaces: tuple[Space, ...]
@@ -131,20 +130,14 @@ def _storey_model(
         floors += [hole[np.abs(hole[:, :, 2] - level).max(axis=1) < 0.05] for hole in holes]
     triangles = np.concatenate([triangles, *floors, *ceilings])
     extent = _extent([space.bottom for space in spaces] or own)
+    level = _measured_floor(TriangleScene(triangles), level, extent)
+    glazed = np.pad(panes, (0, len(triangles) - len(panes)))
+    leaves = tuple(p.triangles for p in here(as_built(model, others["IfcDoor"], made, shifts)))
+    walls = tuple(of_class(model, here(cut), "IfcWall"))
     return StoreyModel(
-        storey.GlobalId,
-        storey.Name or "",
-        _measured_floor(TriangleScene(triangles), level, extent),
-        spaces,
-        triangles,
-        np.pad(panes, (0, len(triangles) - len(panes))),
-        tuple(p.triangles for p in here(as_built(model, others["IfcDoor"], made, shifts))),
-        extent,
-        made,
-        tuple(of_class(model, here(cut), "IfcWall")),
-        tuple(stairs),
-        shifts,
-    )
+        storey.Name or "", level, spaces, triangles, glazed, leaves, extent, made, walls,
+        tuple(stairs), shifts,
+    )  # fmt: skip
 
 
 def _extent(parts: list[Triangles]) -> tuple[Xy, Xy]:
@@ -264,8 +257,8 @@ def _mesh_storey(path: Path | str, storey: str, seed: int, tolerance: float) -> 
         spaces.append(Space(RoomLabel(room.id, room.name, room.name), bottom, top))
     solid = _shifted(building.triangles, tolerance, seed) if tolerance else building.triangles
     extent = _extent([space.bottom for space in spaces])
-    floor, no_panes = str(level.floor), np.zeros(len(solid), dtype=bool)
-    return StoreyModel(floor, names[floor], level.bottom, tuple(spaces), solid, no_panes, (), extent)
+    name, no_panes = names[str(level.floor)], np.zeros(len(solid), dtype=bool)
+    return StoreyModel(name, level.bottom, tuple(spaces), solid, no_panes, (), extent)
 
 
 def _shifted(triangles: Triangles, tolerance: float, seed: int) -> Triangles:
