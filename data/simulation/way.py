@@ -161,10 +161,9 @@ def _easiest(ground: _Ground, first: NDArray[np.int64], last: NDArray[np.int64],
 
 @dataclass(frozen=True, eq=False)
 class Way:
-    """The way through a building: its surfaces, where the robot can drive on each storey, the `legs` of the tour
-    (N, 3), the heading at the start (rad), and the floors that are `raised`."""
+    """The way through a building: where the robot can drive on each storey, the `legs` of the tour (N, 3), the heading
+    at the start (rad), and the floors that are `raised`."""
 
-    scene: TriangleScene
     planners: list[Planner]
     legs: tuple[Leg, ...]
     start_yaw: float
@@ -196,4 +195,4 @@ def way_through(
             legs.append(ways[k])
             start = tour_of[k + 1].grid.cell(ways[k][-1])
     raised = platforms(own, legs, scene, seed) if has_steps else Platforms(())
-    return Way(scene, planners, tuple(raised.over(leg) for leg in legs), start_yaw, raised)
+    return Way(planners, tuple(raised.over(leg) for leg in legs), start_yaw, raised)

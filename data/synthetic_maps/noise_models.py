@@ -93,7 +93,13 @@ def draw(
     """
     if noise not in NOISE_MODELS:
         raise UserError(f"no noise model '{noise}' of S-graphs; there are: {', '.join(NOISE_MODELS)}")
-    storey = _choose(a, floor, rng)
+    storeys = {storey.floor: storey for storey in storeys_of(a)}
+    if not storeys:
+        raise UserError("the A-graph has no room with wall surfaces; an S-graph cannot be drawn from it")
+    if floor is not None and floor not in storeys:
+        there = ", ".join(map(str, storeys))
+        raise UserError(f"the A-graph has no floor '{floor}' with rooms; there are: {there}")
+    storey = storeys[floor] if floor is not None else list(storeys.values())[int(rng.integers(len(storeys)))]
     while True:  # of a small part of a plan it may happen that nothing is seen
         if noise == "paper":
             drawn = _paper(storey, rng)
@@ -116,19 +122,6 @@ def perfect_map(a: SceneGraph, rooms: Collection[str]) -> DrawnGraph:
     return DrawnGraph(
         part, own, {w.id: w.id for w in part.wall_surfaces}, still, dict.fromkeys(own, still), floor, False
     )
-
-
-def _choose(a: SceneGraph, floor: str | None, rng: np.random.Generator) -> Storey:
-    storeys = storeys_of(a)
-    if not storeys:
-        raise UserError("the A-graph has no room with wall surfaces; an S-graph cannot be drawn from it")
-    if floor is None:
-        return storeys[int(rng.integers(len(storeys)))]
-    for storey in storeys:
-        if storey.floor == floor:
-            return storey
-    names = ", ".join(str(s.floor) for s in storeys)
-    raise UserError(f"the A-graph has no floor '{floor}' with rooms; there are: {names}")
 
 
 def _paper(storey: Storey, rng: np.random.Generator) -> DrawnGraph:
