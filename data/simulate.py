@@ -7,9 +7,8 @@
 DIR then holds `scans/000000.bin ...` (sensor frame), `scans/times.txt`, `truth.tum` (sensor poses in the BIM
 frame), `run.json` (what was driven) and, if the building differs from its plan, `changes.json`,
 `tolerances.json` if walls of an IFC model stand off their places (`--effects tolerance`), and `plan.ifc` if the plan is
-to lack walls. `--imu` adds `scans/imu.csv`, in the sensor's axes. A robot's scan is a
-snapshot of one instant, without motion distortion; a person's is measured while the sensor moves, each point with its
-time (`--effects` says otherwise).
+to lack walls. `--imu` adds `scans/imu.csv`, in the sensor's axes. A robot's scan is a snapshot of one instant, without
+motion distortion, unless `--effects rolling`; a person's is measured while the sensor moves, each point with its time.
 """
 
 import argparse
@@ -26,7 +25,7 @@ from data.simulation.effects import ALL, EFFECTS
 from data.simulation.sensor import IMUS, SENSORS, sensor_named
 from data.simulation.simulate import IMU, simulate
 
-_CHANGED = {  # options, the shares of `Changes` that they are, and what these are of
+_CHANGED = {  # options, the fields of `Changes` that they are, and what these are shares of
     "moved-walls": ("moved", "walls that are moved"),
     "absent-walls": ("absent", "walls that are absent"),
     "unplanned-walls": ("unplanned", "walls that are missing in the plan"),
@@ -39,73 +38,40 @@ _CHANGED = {  # options, the shares of `Changes` that they are, and what these a
 
 def _parser() -> argparse.ArgumentParser:
     about = "Simulate a LiDAR carried through a building, and write its scans and ground truth."
-    effects = "effects:\n" + "".join(f"  {name:<10} {what}\n" for name, what in EFFECTS.items())
-    effects += f"  {ALL:<10} all of these, with rolling unless another is named\n"
+    named = "".join(f"  {name:<10} {what}\n" for name, what in (*EFFECTS.items(), (ALL, "all of these")))
+    effects = f"effects:\n{named}"
     formatter = argparse.RawDescriptionHelpFormatter
-    parser = Parser(prog="python -m data.simulate", description=about, epilog=effects, formatter_class=formatter)
+    parser = Parser("python -m data.simulate", description=about, epilog=effects, formatter_class=formatter)
     add = parser.add_argument
+
+    def number(name: str, metavar: str, about: str, default: float | None = None, field: str | None = None) -> None:
+        add(name, dest=field, type=type(default or 0.5), default=default, metavar=metavar, help=about)
+
     add("--bim", required=True, metavar="FILE", help=f"IFC file, or mesh ({', '.join(MESH_SUFFIXES)})")
-    add(
-        "--storey",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="name or GlobalId of the storey; required for an IFC file (mesh: name of a level, default the lowest); "
-        "repeat the option to continue by the stairs to further storeys",
-    )
+    storeys = "name or GlobalId of the storey; required for an IFC file (mesh: name of a level, default the lowest); "
+    storeys += "repeat the option to continue by the stairs to further storeys"
+    add("--storey", action="append", default=[], metavar="NAME", help=storeys)
     add("--out", required=True, metavar="DIR", help="new or empty folder for scans and ground truth")
     add("--seed", type=int, default=0, help="random seed; the same seed gives the same bytes (default 0)")
-    add("--min-rooms", type=int, default=8, metavar="N", help="number of rooms to enter (default 8, or all if fewer)")
-    add("--min-length", type=float, default=120.0, metavar="M", help="minimum length of drive in metres (default 120)")
-    _add_changes(parser)
-    add("--and-back", action="store_true", help="drive the whole route back as well")
-    add("--seconds", type=float, metavar="S", help="end the drive after this time in seconds")
-    add(
-        "--carrier",
-        default="wheeled",
-        metavar="NAME",
-        help=f"{', '.join(CARRIERS)}, or FILE.tum, a recorded motion to replay along the route (default wheeled)",
-    )
-    add("--pace", type=float, default=1.0, metavar="FACTOR", help="speed factor of the recorded motion (default 1)")
+    number("--min-rooms", "N", "number of rooms to enter (default 8, or all if fewer)", 8)
+    number("--min-length", "M", "minimum length of drive in metres (default 120)", 120.0)
+    for name, (share, what) in _CHANGED.items():
+        number(f"--{name}", "SHARE", f"share of {what} (default 0)", 0.0, share)
+    number("--moved-by", "M", "metres by which each wall is moved (default: 0.1 to 0.3 at random)")
+    number("--displaced-by", "M", "metres by which openings and columns are displaced (default 0.1)", 0.1)
+    number("--seconds", "S", "end the drive after this time in seconds")
+    carriers = f"{', '.join(CARRIERS)}, or FILE.tum, a recorded motion to replay along the route (default wheeled)"
+    add("--carrier", default="wheeled", metavar="NAME", help=carriers)
+    number("--pace", "FACTOR", "speed factor of the recorded motion (default 1)", 1.0)
     add("--reversed", action="store_true", help="replay the recorded motion backwards")
-    add(
-        "--mount",
-        type=_angles,
-        default=(0.0, 0.0, 0.0),
-        metavar="R,P,Y",
-        help="roll, pitch and yaw in degrees of the sensor on its carrier (default 0,0,0; upside down: 180,0,0)",
-    )
+    mount = "roll, pitch and yaw in degrees of the sensor on its carrier (default 0,0,0; upside down: 180,0,0)"
+    add("--mount", type=_angles, default=(0.0, 0.0, 0.0), metavar="R,P,Y", help=mount)
     add("--sensor", default="VLP-16", metavar="NAME", help=f"{', '.join(SENSORS)} (default VLP-16)")
+    number("--sensor-height", "M", "metres above the floor (default: the carrier's; wheeled 0.8)")
     add("--imu", metavar="NAME", help=f"simulate an IMU as well, in scans/imu.csv: {', '.join(IMUS)} (default none)")
-    add(
-        "--stamp",
-        choices=("start", "middle", "end"),
-        default="start",
-        help="the instant of a scan that its stamp names (default start)",
-    )
-    add("--azimuths", type=int, metavar="N", help="azimuth steps per turn of a spinning sensor (default: the sensor's)")
-    add("--effects", type=_names, nargs="+", default=[], metavar="LIST", help="comma-separated names; see below")
-    add(
-        "--speed",
-        type=float,
-        metavar="M/S",
-        help="metres per second (default: the carrier's; wheeled 0.8, on foot 1.1)",
-    )
-    add("--sensor-height", type=float, metavar="M", help="metres above the floor (default: the carrier's; wheeled 0.8)")
+    add("--effects", nargs="+", default=[], metavar="LIST", help="comma-separated names; see below")
     add("--format", choices=SCAN_WRITERS, help="format of the scans (default bin; ply for points with times)")
     return parser
-
-
-def _add_changes(parser: argparse.ArgumentParser) -> None:
-    """Adds the options by which the building differs from its plan."""
-    add = parser.add_argument
-    for name, (share, what) in _CHANGED.items():
-        add(f"--{name}", dest=share, type=float, default=0.0, metavar="SHARE", help=f"share of {what} (default 0)")
-    add(
-        "--moved-by", type=float, metavar="M", help="metres by which each wall is moved (default: 0.1 to 0.3 at random)"
-    )
-    displaced = "metres by which openings and columns are displaced (default 0.1)"
-    add("--displaced-by", type=float, default=0.1, metavar="M", help=displaced)
 
 
 def _angles(text: str) -> tuple[float, float, float]:
@@ -121,23 +87,10 @@ def _angles(text: str) -> tuple[float, float, float]:
     return roll, pitch, yaw
 
 
-def _names(text: str) -> list[str]:
-    names = [name for name in text.split(",") if name]
-    for name in names:
-        if name not in (*EFFECTS, ALL):
-            known = ", ".join((*EFFECTS, ALL))
-            raise argparse.ArgumentTypeError(
-                f"'{name}' is not an effect; give comma-separated names, e.g. glass,people; there are {known}"
-            )
-    return names
-
-
 def main() -> int:
     """Runs the command. Raises UserError."""
     args = _parser().parse_args()
     carrier = carrier_named(args.carrier, args.pace, args.reversed)
-    if args.speed is not None:
-        carrier = replace(carrier, robot=replace(carrier.robot, speed=args.speed))
     if args.sensor_height is not None:
         carrier = replace(carrier, height=args.sensor_height)
     run = simulate(
@@ -147,15 +100,13 @@ def main() -> int:
         args.seed,
         args.min_rooms,
         args.min_length,
-        sensor_named(args.sensor, args.azimuths),
+        sensor_named(args.sensor),
         carrier,
-        [name for names in args.effects for name in names],
+        [name for names in args.effects for name in names.split(",") if name],
         Changes(**{field.name: getattr(args, field.name) for field in fields(Changes)}),
         mount_deg=args.mount,
-        and_back=args.and_back,
         seconds=args.seconds,
         imu=args.imu,
-        stamped=args.stamp,
         scan_format=args.format,
     )
     storeys = list(dict.fromkeys(run.storeys))

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 import yaml
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
 from data.common.errors import UserError
-from data.generation.level_building import STOREY, Kind
+from data.generation.level_building import STOREY
 from data.plans import load_bim
 from data.plans.mesh_plan import is_mesh
 from data.scene_graph import SceneGraph
@@ -75,7 +75,7 @@ def building_file(name: str, work: Path) -> tuple[Path, str]:
     """
     building = building_named(name)
     if building.bim == "demo":
-        from data.generation.demo_building import DEMO_STOREY, write_demo_building
+        from data.generation import DEMO_STOREY, write_demo_building
 
         path = work / "demo.ifc"
         with locked(path):
@@ -105,19 +105,17 @@ def flat_plan_of(name: str, work: Path) -> Path:
 
 
 def _level_building(name: str, work: Path, as_planned: bool) -> Path:
-    from data.generation.level_building import Levels, write_level_building, write_level_demo
+    from data.generation.level_building import write_level_building, write_level_demo
 
     kind, _, number = name.rpartition("_")
     if not number.isdecimal():
         raise UserError(f"no building '{LEVELS}{name}'; give KIND_SEED, with a kind as of {GENERATED} or demo")
     path, seed = work / f"levels_{name}{'_flat' * as_planned}.ifc", int(number)
-    missing: frozenset[Kind] = frozenset(get_args(Kind)) if as_planned else frozenset()
-    levels = Levels(high=seed % 3 == 0, missing=missing)
     with locked(path):
         if not path.exists() and kind == "demo":
-            write_level_demo(path, seed, levels)
+            write_level_demo(path, seed, flat=as_planned)
         elif not path.exists():
-            write_level_building(_generated(name), path, seed, levels)
+            write_level_building(_generated(name), path, seed, high=seed % 3 == 0, flat=as_planned)
     return path
 
 

@@ -160,14 +160,12 @@ def _folder(case: DriveCase, work: Path) -> Path:
 
 
 def _simulated(case: DriveCase, work: Path, folder: Path) -> Drive:
-    from data.simulation.carriers import carrier_named, shaken
+    from data.simulation.carriers import carrier_named
     from data.simulation.sensor import sensor_named
     from data.simulation.simulate import simulate
 
     bim, storey = building_file(case.building, work)
     carrier = carrier_named(case.carrier, case.pace, case.backwards)
-    if case.trouble == "shaken":
-        carrier = shaken(carrier, BEGINS * (case.seconds or 0.0))
     if case.changes and case.changes not in BUILDING:
         raise UserError(f"changes '{case.changes}': no such changes of a building; use {', '.join(BUILDING)}")
     whole = case.seconds is None
@@ -184,6 +182,7 @@ def _simulated(case: DriveCase, work: Path, folder: Path) -> Drive:
         seconds=None if whole else case.seconds + ONE_MORE_S,  # type: ignore[operator]
         changes=BUILDING.get(case.changes, AS_PLANNED),
         imu=case.imu,
+        shaken_from=BEGINS * (case.seconds or 0.0) if case.trouble == "shaken" else None,
     )
     stamps = run.truth.stamps_ns
     count = len(stamps) if case.seconds is None else int(np.searchsorted(stamps, round(case.seconds * 1e9)))

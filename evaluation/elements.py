@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict
 from data.ifc.products import open_ifc
 from data.scene_graph import SceneGraph, Xy
 from data.simulation import Change
-from data.simulation.changes.as_built import fillings
+from data.simulation.as_built import fillings
 from evaluation.buildings import plan_graph
 from evaluation.conditions import BUILDING
 from evaluation.drive import Drive, DriveCase

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
-from data.generation.cells import treemap
-from data.generation.layouts import apartment, racetrack, wing_cells, wings_drawn
-from data.generation.storey import HALLS, Cell, Storey, Walls, built, furnished
+from data.generation.apartments import apartment, treemap
+from data.generation.storey import HALLS, Cell, Storey, Walls, built, furnished, is_rectangle
+from data.generation.wings import racetrack, wing_cells, wings_drawn
 from data.plans import Plan
 from data.plans.polygons import MIN_EDGE, DrawnRoom, Points, edges_of, room_of, surfaces_of
 from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface
@@ -66,27 +66,29 @@ def _storey(cells: Sequence[Cell], rng: Rng, features: float) -> Storey:
     return furnished(built(cells, Walls.drawn(rng), rng), rng, features)
 
 
-def _apartment(rng: Rng) -> list[Storey]:
-    return [_storey(apartment(rng, int(rng.integers(4, 13))), rng, float(rng.choice([0.05, 0.2, 0.35])))]
+def _single(layout: Callable[[Rng], list[Cell]], *features: float) -> Callable[[Rng], list[Storey]]:
+    """One storey of a layout, with one of these shares of features."""
+    return lambda rng: [_storey(layout(rng), rng, float(rng.choice(features)))]
 
 
-def _office(rng: Rng) -> list[Storey]:
+def _apartment(rng: Rng) -> list[Cell]:
+    return apartment(rng, int(rng.integers(4, 13)))
+
+
+def _office(rng: Rng) -> list[Cell]:
     rooms = int(rng.integers(20, 81))
-    cells = racetrack(rng, rooms) if rng.random() < 0.3 else wing_cells(rng, wings_drawn(rng, rooms, 0))
-    return [_storey(cells, rng, float(rng.choice([0.0, 0.03, 0.15])))]
+    return racetrack(rng, rooms) if rng.random() < 0.3 else wing_cells(rng, wings_drawn(rng, rooms, 0))
 
 
-def _corridor(rng: Rng) -> list[Storey]:
-    wings = wings_drawn(rng, int(rng.integers(20, 71)), int(rng.integers(1, 4)))
-    return [_storey(wing_cells(rng, wings), rng, float(rng.choice([0.0, 0.03, 0.15])))]
+def _corridor(rng: Rng) -> list[Cell]:
+    return wing_cells(rng, wings_drawn(rng, int(rng.integers(20, 71)), int(rng.integers(1, 4))))
 
 
-def _l_shape(rng: Rng) -> list[Storey]:
+def _l_shape(rng: Rng) -> list[Cell]:
     wings = wings_drawn(rng, int(rng.integers(16, 61)), 1)
     at_end = wings.depths[0] + wings.corridor / 2 if rng.random() < 0.7 else wings.corridor / 2
     branch = replace(wings.branches[0], x=at_end if rng.random() < 0.5 else wings.length - at_end)
-    cells = wing_cells(rng, replace(wings, branches=(branch,), ends=False, halls=()))
-    return [_storey(cells, rng, float(rng.choice([0.0, 0.05, 0.2])))]
+    return wing_cells(rng, replace(wings, branches=(branch,), ends=False, halls=()))
 
 
 def _skewed(rng: Rng) -> list[Storey]:
@@ -153,9 +155,8 @@ def _rebuilt(cells: Sequence[Cell], rng: Rng, share: float) -> list[Cell]:
     """Some rooms are divided by a new wall."""
     result: list[Cell] = []
     for cell in cells:
-        x0, y0, x1, y1 = cell.area.bounds
-        whole = cell.area.area > 0.999 * (x1 - x0) * (y1 - y0) and cell.kind not in HALLS
-        if whole and cell.area.area > 10 and rng.random() < share:
+        whole = is_rectangle(cell) and cell.kind not in HALLS and cell.area.area > 10
+        if whole and rng.random() < share:
             part = float(rng.uniform(0.35, 0.65))
             result += treemap(rng, cell.area, [(cell.kind, part), (cell.kind, 1 - part)])
         else:
@@ -197,6 +198,12 @@ def _laid_out(houses: Sequence[Storey], rng: Rng) -> Storey:
 
 
 _STOREYS: dict[str, Callable[[Rng], list[Storey]]] = {
-    "apartment": _apartment, "office": _office, "corridor": _corridor, "l_shape": _l_shape, "skewed": _skewed,
-    "mirrored_twins": _mirrored_twins, "tower": _tower, "campus": _campus,
-}  # fmt: skip
+    "apartment": _single(_apartment, 0.05, 0.2, 0.35),
+    "office": _single(_office, 0.0, 0.03, 0.15),
+    "corridor": _single(_corridor, 0.0, 0.03, 0.15),
+    "l_shape": _single(_l_shape, 0.0, 0.05, 0.2),
+    "skewed": _skewed,
+    "mirrored_twins": _mirrored_twins,
+    "tower": _tower,
+    "campus": _campus,
+}

@@ -2,14 +2,12 @@
 IFC file whose floors and ceilings lie at several heights: suspended ceilings over all or half of a room, platforms,
 raised floors, ramps, galleries.
 
-The same plan and seed give the same building. A plan that is not as built is the same building written with other
-`Levels`: with a kind missing, or with the ceilings at another height.
+The same plan and seed give the same building; written `flat` it has none of these.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import ifcopenshell
 import numpy as np
@@ -18,15 +16,14 @@ from numpy.typing import NDArray
 from shapely.ops import nearest_points
 
 from data.common.errors import UserError
-from data.generation.demo_building import DEMO_FILE
+from data.generation import DEMO_FILE
 from data.geometry.areas import Area, largest, overlap, polygons_of, triangles_of, united
 from data.ifc.graph import read_ifc
-from data.ifc.writer import IfcWriter, Matrix, Prism, placed
+from data.ifc.writer import IfcWriter, Prism, box, placed
 from data.scene_graph import Door, SceneGraph
 
 Rng = np.random.Generator
 Array = NDArray[np.float64]
-Kind = Literal["ceiling", "platform", "raised floor", "ramp", "gallery"]
 OUTER = 0.3  # m, thickness of outer walls; walls between rooms are at most twice as thick
 SLAB = 0.2  # m
 HEIGHT = 2.75  # m, of a room
@@ -37,9 +34,8 @@ STOREY = "Ground floor"
 HEIGHTS = (2.9, 3.4)  # m, clear, of rooms without galleries
 HIGH = (5.2, 6.0)  # m: with galleries
 HUNG, PANEL = (0.25, 0.55), 0.02  # m: by which ceilings are suspended, and their thickness
-RISES: Mapping[Kind, float] = {"platform": 0.2, "raised floor": 0.3, "ramp": 0.3}  # m
-# of a room's length
-DEPTHS: Mapping[Kind, float] = {"platform": 0.4, "raised floor": 0.65, "ramp": 0.5, "gallery": 0.4}
+RISES = {"platform": 0.2, "raised floor": 0.3, "ramp": 0.3}  # m
+DEPTHS = {"platform": 0.4, "raised floor": 0.65, "ramp": 0.5, "gallery": 0.4}  # of a room's length
 GALLERY = 2.8  # m above the floor
 CLEAR = 1.1  # m between a door and what rises from the floor
 SMALLEST = 8.0  # m2: of a room whose floor is not level
@@ -47,31 +43,16 @@ LEAF = 0.04  # m
 SLIVER = 1e-3  # m2
 
 
-def write_plan_mesh(graph: SceneGraph, path: Path | str) -> None:
-    """Writes the first floor of a plan whose rooms have polygons as a mesh in its own frame, with the floor at 0.
-
-    Raises UserError for a plan without rooms.
-    """
-    import trimesh
-
-    triangles = plan_triangles(graph)
-    trimesh.Trimesh(**trimesh.triangles.to_kwargs(triangles)).export(Path(path))
-
-
 @dataclass(frozen=True, eq=False)
 class DrawnStorey:
-    """The first storey of a plan in plan view: its rooms by id, its outline, the walls between them, and the lines
-    through its doors, from room to room."""
+    """The first storey of a plan in plan view: its rooms by id, its outline, the walls between them, the lines through
+    its doors, from room to room, and the parts of the walls that are open under a lintel."""
 
     rooms: dict[str, Area]
     outline: Area
     walls: Area
-    doors: tuple[shapely.LineString, ...]
-
-    @property
-    def doorways(self) -> Area:
-        """The parts of the walls that are open under a lintel."""
-        return united(line.buffer(DOORWAY / 2, cap_style="flat") for line in self.doors)
+    doors: list[shapely.LineString]
+    doorways: Area
 
 
 def drawn_storey(graph: SceneGraph) -> DrawnStorey:
@@ -82,21 +63,29 @@ def drawn_storey(graph: SceneGraph) -> DrawnStorey:
         raise UserError(f"{graph.frame}: a plan without rooms; give one whose rooms have outlines")
     inside = united(list(rooms.values()))
     outline = inside.buffer(OUTER, join_style="mitre")
-    lines = (_through(door, rooms) for door in graph.doors)
-    return DrawnStorey(rooms, outline, outline.difference(inside), tuple(line for line in lines if line is not None))
+    doors = [line for door in graph.doors if (line := _through(door, rooms)) is not None]
+    doorways = united(line.buffer(DOORWAY / 2, cap_style="flat") for line in doors)
+    return DrawnStorey(rooms, outline, outline.difference(inside), doors, doorways)
 
 
 def plan_triangles(graph: SceneGraph) -> Array:
-    """(M, 3, 3) the triangles of `write_plan_mesh`, turned outwards. Raises UserError for a plan without rooms."""
+    """(M, 3, 3) the first storey of a plan whose rooms have polygons, turned outwards, with the floor at 0. Raises
+    UserError for a plan without rooms."""
     storey = drawn_storey(graph)
-    outline, walls = storey.outline, storey.walls
-    parts = [
-        extruded(outline, -SLAB, 0.0),
-        extruded(walls.difference(storey.doorways), 0.0, LINTEL),
-        extruded(walls, LINTEL, HEIGHT),
-        extruded(outline, HEIGHT, HEIGHT + SLAB),
-    ]
+    parts = (
+        extruded(storey.outline, -SLAB, 0.0),
+        extruded(storey.walls.difference(storey.doorways), 0.0, LINTEL),
+        extruded(storey.walls, LINTEL, HEIGHT),
+        extruded(storey.outline, HEIGHT, HEIGHT + SLAB),
+    )
     return np.concatenate(parts)
+
+
+def write_plan_mesh(graph: SceneGraph, path: Path | str) -> None:
+    """Writes the first storey of a plan as a mesh; see `plan_triangles`."""
+    import trimesh
+
+    trimesh.Trimesh(**trimesh.triangles.to_kwargs(plan_triangles(graph))).export(Path(path))
 
 
 def _through(door: Door, rooms: dict[str, Area]) -> shapely.LineString | None:
@@ -119,26 +108,11 @@ def extruded(area: Area, low: float, high: float) -> Array:
     return np.asarray(body.triangles) + np.array([0.0, 0.0, low])
 
 
-@dataclass(frozen=True)
-class Levels:
-    """Suspended ceilings in a share of `ceilings` of the rooms; `high` rooms have galleries instead where they are
-    large. Features of kinds that are `missing` are not written, and ceilings `ceilings_off` (m) higher than they hang.
-    """
-
-    ceilings: float = 0.5
-    high: bool = False
-    missing: frozenset[Kind] = frozenset()
-    ceilings_off: float = 0.0
-
-
-PLAIN = Levels()
-
-
-def write_level_building(plan: SceneGraph, path: Path | str, seed: int, levels: Levels = PLAIN) -> None:
-    """Writes the first storey of a plan as an IFC file, with features in its rooms. Raises UserError for a plan without
-    rooms."""
+def write_level_building(plan: SceneGraph, path: Path | str, seed: int, high: bool = False, flat: bool = False) -> None:
+    """Writes the first storey of a plan as an IFC file, with features in its rooms unless it is `flat`; `high` rooms
+    have galleries instead of ceilings where they are large. Raises UserError for a plan without rooms."""
     rng = np.random.default_rng([seed, 65])
-    storey, height = drawn_storey(plan), float(rng.uniform(*(HIGH if levels.high else HEIGHTS)))
+    storey, height = drawn_storey(plan), float(rng.uniform(*(HIGH if high else HEIGHTS)))
     writer = IfcWriter.begun(f"Levels {seed}", {STOREY: 0.0})
     for part in shapely.get_parts(storey.walls):
         pierced = part.difference(storey.doorways)
@@ -147,65 +121,54 @@ def write_level_building(plan: SceneGraph, path: Path | str, seed: int, levels: 
         writer.element("IfcSlab", "Slab", STOREY, prisms(storey.outline, low, low + SLAB), kind=kind)
     for line in storey.doors:
         (x, y), (u, v) = np.asarray(line.centroid.coords)[0], np.diff(np.asarray(line.coords), axis=0)[0]
-        half = DOORWAY / 2
-        leaf = Prism(((-half, -LEAF), (half, -LEAF), (half, LEAF), (-half, LEAF)), 0.0, LINTEL)
+        leaf = box(-DOORWAY / 2, -LEAF, 0.0, DOORWAY / 2, LEAF, LINTEL)
         writer.element("IfcDoor", "Door", STOREY, [leaf], placed(x, y, yaw=float(np.arctan2(v, u)) - np.pi / 2))
     for number, area in enumerate(storey.rooms.values(), 1):
         writer.space(f"{number}", STOREY, prisms(area, 0.0, height)[0])
-    middles = [line.centroid for line in storey.doors]
-    _add_levels(writer, STOREY, list(storey.rooms.values()), middles, height, rng, levels)
+    if not flat:
+        middles = [line.centroid for line in storey.doors]
+        _add_levels(writer, STOREY, list(storey.rooms.values()), middles, height, rng)
     writer.save(path)
 
 
-def write_level_demo(path: Path | str, seed: int, levels: Levels = PLAIN) -> None:
+def write_level_demo(path: Path | str, seed: int, flat: bool = False) -> None:
     """Writes the demo's two storeys, which a stair joins, with features in all rooms but the stair's."""
     rng, writer = np.random.default_rng([seed, 66]), IfcWriter(ifcopenshell.open(DEMO_FILE))
     plan, _ = read_ifc(DEMO_FILE)
-    for floor in plan.floors:
+    for floor in () if flat else plan.floors:
         rooms = [room for room in plan.rooms if room.floor == floor.id and room.polygon is not None]
         ids = {room.id for room in rooms}
         doors = [shapely.Point(np.round(door.centroid, 3)) for door in plan.doors if ids.intersection(door.rooms)]
         areas = [tidied(shapely.Polygon(room.polygon)) for room in rooms if not room.name.endswith("Stairs")]
-        _add_levels(writer, floor.name, areas, doors, HEIGHTS[0], rng, levels)
+        _add_levels(writer, floor.name, areas, doors, HEIGHTS[0], rng)
     writer.save(path)
 
 
 def _add_levels(
-    writer: IfcWriter,
-    storey: str,
-    rooms: Sequence[Area],
-    doors: Sequence[shapely.Point],
-    height: float,
-    rng: Rng,
-    levels: Levels,
+    writer: IfcWriter, storey: str, rooms: Sequence[Area], doors: Sequence[shapely.Point], height: float, rng: Rng
 ) -> None:
-    """Draws and writes the features of rooms of a clear `height` (m) on one storey: suspended ceilings at one of two
-    heights, one in three over half of its room; galleries; in half of the larger rooms what rises from the floor, where
-    the doors leave space for it."""
-
-    def add(ifc_class: str, kind: Kind, area: Area, low: float, high: float) -> None:
-        if kind not in levels.missing:
-            predefined = "CEILING" if kind == "ceiling" else "FLOOR"
-            writer.element(ifc_class, kind, storey, prisms(area, low, high), kind=predefined)
-
+    """Draws and writes the features of rooms of a clear `height` (m) on one storey: suspended ceilings in half of them,
+    at one of two heights, one in three over half of its room; galleries; in half of the larger rooms what rises from
+    the floor, where the doors leave space for it."""
     usual = rng.uniform(*HUNG, 2)
     for room in rooms:
-        hung, has_ceiling, is_half = float(rng.choice(usual)), rng.random() < levels.ceilings, rng.random() < 1 / 3
-        kind: Kind = ("platform", "raised floor", "ramp")[int(rng.integers(3))]
+        hung, has_ceiling, is_half = float(rng.choice(usual)), rng.random() < 0.5, rng.random() < 1 / 3
+        kind = tuple(RISES)[int(rng.integers(len(RISES)))]
         rises, is_large = rng.random() < 0.5, room.area > SMALLEST
         if height > HIGH[0] and is_large:
-            add("IfcSlab", "gallery", _end_of(room, DEPTHS["gallery"], doors)[0], GALLERY, GALLERY + SLAB)
+            end, z = _end_of(room, DEPTHS["gallery"], doors)[0], (GALLERY, GALLERY + SLAB)
+            writer.element("IfcSlab", "gallery", storey, prisms(end, *z), kind="FLOOR")
         elif has_ceiling:
-            z = height - hung + levels.ceilings_off
-            add("IfcCovering", "ceiling", _end_of(room, 0.5, doors)[0] if is_half else room, z, z + PANEL)
+            area, z = _end_of(room, 0.5, doors)[0] if is_half else room, (height - hung, height - hung + PANEL)
+            writer.element("IfcCovering", "ceiling", storey, prisms(area, *z), kind="CEILING")
         end, upward = _end_of(room, DEPTHS[kind], doors)
         if not (rises and is_large and all(end.distance(door) > CLEAR for door in doors)):
             continue
-        if kind != "ramp":
-            add("IfcSlab", kind, end, 0.0, RISES[kind])
-        elif kind not in levels.missing:
+        if kind == "ramp":
             body, T_storey_ramp = _wedge(end, upward)
             writer.element("IfcRamp", kind, storey, [body], T_storey_ramp)
+        else:
+            writer.element("IfcSlab", kind, storey, prisms(end, 0.0, RISES[kind]), kind="FLOOR")
 
 
 def _end_of(room: Area, share: float, doors: Sequence[shapely.Point]) -> tuple[Area, Array]:
@@ -220,7 +183,7 @@ def _end_of(room: Area, share: float, doors: Sequence[shapely.Point]) -> tuple[A
     return max(ends, key=lambda end: min((end[0].distance(door) for door in doors), default=0.0))
 
 
-def _wedge(area: Area, upward: Array) -> tuple[Prism, Matrix]:
+def _wedge(area: Area, upward: Array) -> tuple[Prism, Array]:
     """A wedge over a rectangle: a triangle that is extruded across it, and its place in the storey: x along the ramp, y
     up, z to the right."""
     across = np.array([-upward[1], upward[0]])

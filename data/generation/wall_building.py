@@ -4,7 +4,7 @@ There is one wall for each straight wall between the rooms, which stand at right
 the walls follow.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -29,6 +29,7 @@ IN_LINE = 0.002  # m: between the faces of walls that are one
 SLIVER = 1e-3  # m2
 Rng = np.random.Generator
 Array = NDArray[np.float64]
+Opening = tuple[str, float, float]  # Door or Window, its place along the wall, its width
 OUTER = (0.24, 0.3, 0.36)  # m, thickness of outer walls
 SLAB = 0.3  # m
 LEAF = 0.04  # m thick
@@ -64,10 +65,6 @@ class StraightWall:
     def area(self) -> Area:
         """Its footprint."""
         return self.box(self.low, self.high)
-
-    def shifted(self, across: float) -> "StraightWall":
-        """The wall, so many metres farther across."""
-        return replace(self, near=self.near + across, far=self.far + across)
 
     def met(self, low: float, high: float, areas: Sequence[Area]) -> NDArray[np.float64]:
         """(N,) the places along the wall of the corners of what lies in its way between two places."""
@@ -208,11 +205,9 @@ def write_wall_building(plan: SceneGraph, path: Path | str, seed: int) -> None:
     writer = IfcWriter.begun(f"Walls {seed}", {STOREY: 0.0}, T_bim_plan)
     areas, holes = footprints(walls, rooms, outer), list[Area]()
     for number, (wall, area, at, panes) in enumerate(zip(walls, areas, doors, windows, strict=True), 1):
-        holes += [wall.box(u - DOORWAY / 2, u + DOORWAY / 2) for u in at]
-        holes += [wall.box(u - width / 2, u + width / 2) for u in panes]
-        _write_wall(
-            writer, f"Wall {number}", wall, area, height, {"IfcDoor": (at, DOORWAY), "IfcWindow": (panes, width)}
-        )
+        openings = [("Door", u, DOORWAY) for u in at] + [("Window", u, width) for u in panes]
+        holes += [wall.box(u - wide / 2, u + wide / 2) for _, u, wide in openings]
+        _write_wall(writer, f"Wall {number}", wall, area, height, openings)
     for number, column in enumerate(_columns(rooms, walls, holes, rng), 1):
         writer.element("IfcColumn", f"Column {number}", STOREY, prisms(column, 0.0, height), kind="COLUMN")
     for kind, low in (("BASESLAB", -SLAB), ("ROOF", height)):
@@ -249,9 +244,10 @@ def _windows(wall: StraightWall, rooms: Sequence[Area], doors: Sequence[float], 
     """The places of windows along an outer wall: in the middle of bays of its rooms, away from its doors."""
     if not wall.inward:
         return []
-    found = []
+    found, aside = [], wall.inward * BAY / 4
+    inside = replace(wall, near=wall.near + aside, far=wall.far + aside)
     for room in rooms:
-        along = wall.shifted(wall.inward * BAY / 4).met(wall.low, wall.high, [room])
+        along = inside.met(wall.low, wall.high, [room])
         if len(along) == 0:
             continue
         low, high = float(along.min()), float(along.max())
@@ -261,16 +257,11 @@ def _windows(wall: StraightWall, rooms: Sequence[Area], doors: Sequence[float], 
 
 
 def _write_wall(
-    writer: IfcWriter,
-    name: str,
-    wall: StraightWall,
-    area: Area,
-    height: float,
-    openings: Mapping[str, tuple[Sequence[float], float]],
+    writer: IfcWriter, name: str, wall: StraightWall, area: Area, height: float, openings: Sequence[Opening]
 ) -> None:
-    """Writes a wall with this footprint, and by class the places and the width of its openings. Its frame: x along it
-    with the building to its left, y to the left."""
-    middle, thickness = (wall.near + wall.far) / 2, wall.far - wall.near
+    """Writes a wall with this footprint and its openings. Its frame: x along it with the building to its left, y to the
+    left."""
+    half, middle = (wall.far - wall.near) / 2, (wall.near + wall.far) / 2
     begin, end = (wall.high, wall.low) if wall.inward == (1 if wall.axis else -1) else (wall.low, wall.high)
     x, y = (begin, middle)[:: 1 - 2 * wall.axis]
     along = np.roll([np.sign(end - begin), 0.0], wall.axis)
@@ -279,19 +270,15 @@ def _write_wall(
     outline = np.column_stack([relative @ along, relative @ [-along[1], along[0]]]).round(4).tolist()
     prism = Prism(tuple((u, v) for u, v in outline), 0.0, height)
     host = writer.element("IfcWall", name, STOREY, [prism], T_storey_wall, "SOLIDWALL")
-    half = thickness / 2
-    for ifc_class, (places, width) in openings.items():
-        if ifc_class == "IfcDoor":
-            z0, z1, y0, y1 = 0.0, LINTEL, -LEAF / 2, LEAF / 2
-        else:
+    for kind, place, width in openings:
+        z0, z1, y0, y1 = 0.0, LINTEL, -LEAF / 2, LEAF / 2
+        if kind == "Window":
             z0, z1, y0, y1 = SILL, HEAD, half - REVEAL - PANE, half - REVEAL
-        for place in places:
-            T_storey_hole = T_storey_wall @ placed(abs(place - begin) - width / 2, 0.0)
-            kind = ifc_class.removeprefix("Ifc")
-            body = [box(0.0, y0, z0, width, y1, z1)]
-            filling = writer.element(ifc_class, f"{kind} in {name}", STOREY, body, T_storey_hole, kind.upper())
-            filling.OverallWidth, filling.OverallHeight = width, z1 - z0
-            writer.cut(host, STOREY, box(0.0, -half, z0, width, half, z1), T_storey_hole, filling)
+        T_storey_hole = T_storey_wall @ placed(abs(place - begin) - width / 2, 0.0)
+        body = [box(0.0, y0, z0, width, y1, z1)]
+        filling = writer.element(f"Ifc{kind}", f"{kind} in {name}", STOREY, body, T_storey_hole, kind.upper())
+        filling.OverallWidth, filling.OverallHeight = width, z1 - z0
+        writer.cut(host, STOREY, box(0.0, -half, z0, width, half, z1), T_storey_hole, filling)
 
 
 def _columns(rooms: Sequence[Area], walls: Sequence[StraightWall], holes: Sequence[Area], rng: Rng) -> list[Area]:

@@ -55,6 +55,11 @@ class Grid:
         """(..., 2) x y in the BIM frame to rows and columns."""
         return np.rint((xy - self.origin) / CELL).astype(int)[..., ::-1]
 
+    def cell(self, place: NDArray[np.float64]) -> Cell:
+        """The row and column at a place (2,) or (3,)."""
+        row, column = self.to_cells(place[:2]).tolist()
+        return row, column
+
     def clearance_at(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N,) clearance in metres at x y (N, 2), interpolated between cells."""
         at = ((xy - self.origin) / CELL)[:, ::-1].T
@@ -163,17 +168,8 @@ def _floor(
     return floor
 
 
-def plan_tour(
-    grid: Grid, radius: float, min_rooms: int, min_length: float, rng: np.random.Generator
-) -> tuple[Curve, ...]:
-    """The legs, between which the robot stops and turns: from a random free place and back to it; see `tour`."""
-    planner = Planner(grid, radius, rng)
-    start = planner.random_cell(planner.rooms[rng.integers(len(planner.rooms))])
-    return tour(planner, start, start, min_rooms, min_length)
-
-
 def tour(
-    planner: "Planner", start: Cell, end: Cell, min_rooms: int, min_length: float, shortest: float = SHORTEST
+    planner: "Planner", start: Cell, end: Cell, min_rooms: int, min_length: float, shortest: float
 ) -> tuple[Curve, ...]:
     """The legs from one free place to another; the last one is left out where it is not longer than `shortest` (m).
 
@@ -218,8 +214,8 @@ def curve_length(curve: Curve) -> float:
 class Planner:
     """Paths through the largest connected part of the cells where the robot fits, measured in rooms."""
 
-    def __init__(self, grid: Grid, radius: float, rng: np.random.Generator) -> None:
-        self.grid, self.need, self.rng = grid, radius + MARGIN, rng
+    def __init__(self, model: StoreyModel, grid: Grid, radius: float, rng: np.random.Generator) -> None:
+        self.model, self.grid, self.need, self.rng = model, grid, radius + MARGIN, rng
         parts, _ = ndimage.label(grid.clearance > self.need, np.ones((3, 3)))
         in_room = (parts > 0) & (grid.room >= 0)
         reached = np.unique(np.column_stack([parts[in_room], grid.room[in_room]]), axis=0)

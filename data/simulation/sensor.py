@@ -1,7 +1,8 @@
 """A simulated LiDAR, and an IMU in it."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass
 from functools import cached_property
 from typing import Protocol
 
@@ -13,6 +14,7 @@ from data.common.errors import UserError
 from data.imu import GRAVITY, ImuSamples
 
 Array = NDArray[np.float64]
+Points = NDArray[np.float32]
 RATE = 200  # samples a second
 _CHANCE = 53  # makes the noise another one than that of the scans of the same seed
 _MDPS, _UG, _DEG_H = np.radians(1e-3), 1e-6 * GRAVITY, np.radians(1.0) / 3600
@@ -25,35 +27,59 @@ class Scene(Protocol):
         """(N,) metres along unit `directions` (N, 3) from `origins`, (3,) or (N, 3); inf where nothing is."""
 
 
-class Sensor(Protocol):
+class Sensor(ABC):
     """Sensor frame: x forward, y left, z up. Ranges in metres, `rate` in scans a second.
 
-    `range_noise` is the standard deviation of a Gaussian error along the beam. Ray i is cast by laser `i % beams`.
+    `range_noise` is the standard deviation of a Gaussian error along the beam. Ray i is cast by laser `i % beams`. Rays
+    that hit nothing between `min_range` and `max_range` give no point.
     """
 
-    @property
-    def beams(self) -> int: ...
+    beams: int
+    range_noise: float
+    min_range: float
+    max_range: float
+    rate: float
 
-    @property
-    def range_noise(self) -> float: ...
-
-    @property
-    def min_range(self) -> float: ...
-
-    @property
-    def max_range(self) -> float: ...
-
-    @property
-    def rate(self) -> float: ...
-
+    @abstractmethod
     def rays(self, scan: int) -> tuple[Array, Array]:
         """Directions (N, 3), unit vectors in the sensor frame, of the scan with this number, and their times (N,) in
         seconds after its stamp, from 0 to less than 1 / `rate`, in order of time."""
 
+    def scan(self, scene: Scene, T_bim_sensor: Array, rng: np.random.Generator, number: int = 0) -> Points:
+        """(N, 3) points in the sensor frame, all measured at one instant: no motion distortion."""
+        directions, _ = self.rays(number)
+        ranges = scene.distances(T_bim_sensor[:3, 3], directions @ T_bim_sensor[:3, :3].T)
+        return self._points(directions, ranges, rng)[0]
+
+    def moving_scan(
+        self, scene: Scene, T_bim_sensor: Array, rng: np.random.Generator, number: int
+    ) -> tuple[Points, NDArray[np.float32]]:
+        """A scan of a sensor that moves meanwhile: `T_bim_sensor` (M, 4, 4) are its poses at its `instants`.
+
+        Returns (N, 3) points, each in the sensor's frame at its own time, and (N,) these times in seconds after the
+        stamp.
+        """
+        directions, seconds = self.rays(number)
+        T = T_bim_sensor[np.cumsum(np.diff(seconds, prepend=-1.0) > 0) - 1]
+        turned = np.einsum("nij,nj->ni", T[:, :3, :3], directions)
+        points, seen = self._points(directions, scene.distances(T[:, :3, 3], turned), rng)
+        return points, seconds[seen].astype(np.float32)
+
+    def instants(self, number: int) -> Array:
+        """(M,) the different times of a scan's rays, in order."""
+        seconds = self.rays(number)[1]
+        return seconds[np.diff(seconds, prepend=-1.0) > 0]
+
+    def _points(self, directions: Array, ranges: Array, rng: np.random.Generator) -> tuple[Points, NDArray[np.bool_]]:
+        """Noisy points of those rays that return, and which do."""
+        seen = (ranges >= self.min_range) & (ranges <= self.max_range)
+        measured = ranges[seen] + rng.normal(0.0, self.range_noise, int(seen.sum()))
+        return (directions[seen] * measured[:, None]).astype(np.float32), seen
+
 
 @dataclass(frozen=True)
-class SpinningSensor:
-    """Beams one over another that turn about the z axis; a `Sensor`. Angles in degrees."""
+class SpinningSensor(Sensor):
+    """Beams one over another that turn about the z axis, all scans alike. Angles in degrees."""
 
     beams: int = 16
     lowest_deg: float = -15.0
@@ -74,29 +100,20 @@ class SpinningSensor:
             raise UserError("sensor: ranges must be 0 <= min < max, and the noise must not be negative")
 
     @cached_property
-    def directions(self) -> Array:
-        """(azimuths * beams, 3) unit vectors in the sensor frame, turning left from x, beams lowest first."""
+    def _rays(self) -> tuple[Array, Array]:
+        """Turning left from x, beams lowest first."""
         azimuth = np.linspace(-np.pi, np.pi, self.azimuths, endpoint=False)
         elevation = np.radians(np.linspace(self.lowest_deg, self.highest_deg, self.beams))
-        a, e = np.meshgrid(azimuth, elevation, indexing="ij")
-        return np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=-1).reshape(-1, 3)
-
-    @cached_property
-    def _seconds(self) -> Array:
-        return np.repeat(np.arange(self.azimuths) / (self.azimuths * self.rate), self.beams)
+        a, e = (angle.ravel() for angle in np.meshgrid(azimuth, elevation, indexing="ij"))
+        return _unit(a, e), np.repeat(np.arange(self.azimuths) / (self.azimuths * self.rate), self.beams)
 
     def rays(self, scan: int) -> tuple[Array, Array]:
-        """As in `Sensor`; all scans are alike."""
-        return self.directions, self._seconds
-
-    def scan(self, scene: Scene, T_bim_sensor: Array, rng: np.random.Generator) -> NDArray[np.float32]:
-        """As `snapshot`."""
-        return snapshot(self, scene, T_bim_sensor, rng)
+        return self._rays
 
 
 @dataclass(frozen=True)
-class PatternSensor:
-    """Rays along a curve that does not repeat from scan to scan: a `Sensor`.
+class PatternSensor(Sensor):
+    """Rays along a curve that does not repeat from scan to scan.
 
     `curve` gives azimuth and elevation (N,), radians, at times (N,) in seconds since the drive's beginning.
     """
@@ -111,8 +128,13 @@ class PatternSensor:
 
     def rays(self, scan: int) -> tuple[Array, Array]:
         seconds = np.arange(self.points) / (self.points * self.rate)
-        a, e = self.curve(scan / self.rate + seconds)
-        return np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=-1), seconds
+        return _unit(*self.curve(scan / self.rate + seconds)), seconds
+
+
+def _unit(azimuth: Array, elevation: Array) -> Array:
+    """(N, 3) unit vectors."""
+    level = np.cos(elevation)
+    return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1)
 
 
 def dome(t: Array) -> tuple[Array, Array]:
@@ -135,77 +157,24 @@ def rosette(t: Array) -> tuple[Array, Array]:
     return np.radians(35.0) * right, np.radians(38.5) * up
 
 
-def snapshot(
-    sensor: Sensor, scene: Scene, T_bim_sensor: Array, rng: np.random.Generator, scan: int = 0
-) -> NDArray[np.float32]:
-    """(N, 3) points in the sensor frame, all measured at one instant: no motion distortion.
-
-    Rays that hit nothing between `min_range` and `max_range` give no point.
-    """
-    directions, _ = sensor.rays(scan)
-    ranges = scene.distances(T_bim_sensor[:3, 3], directions @ T_bim_sensor[:3, :3].T)
-    return _points(sensor, directions, ranges, rng)[0]
-
-
-def moving_scan(
-    sensor: Sensor, scene: Scene, T_bim_sensor: Array, rng: np.random.Generator, scan: int = 0
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """A scan of a sensor that moves meanwhile: `T_bim_sensor` (M, 4, 4) are its poses at the M different times of the
-    scan's rays.
-
-    Returns (N, 3) points, each in the sensor's frame at its own time, and (N,) these times in seconds after the stamp.
-    """
-    directions, seconds = sensor.rays(scan)
-    T = T_bim_sensor[instant_of(seconds)]
-    turned = np.einsum("nij,nj->ni", T[:, :3, :3], directions)
-    points, seen = _points(sensor, directions, scene.distances(T[:, :3, 3], turned), rng)
-    return points, seconds[seen].astype(np.float32)
-
-
-def instants(seconds: Array) -> Array:
-    """(M,) the different ones of times (N,) in order."""
-    return seconds[np.diff(seconds, prepend=-1.0) > 0]
-
-
-def instant_of(seconds: Array) -> NDArray[np.int_]:
-    """(N,) the index into `instants` of each time."""
-    return np.cumsum(np.diff(seconds, prepend=-1.0) > 0) - 1
-
-
-def _points(
-    sensor: Sensor, directions: Array, ranges: Array, rng: np.random.Generator
-) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Noisy points of those rays that return, and which do."""
-    seen = (ranges >= sensor.min_range) & (ranges <= sensor.max_range)
-    measured = ranges[seen] + rng.normal(0.0, sensor.range_noise, int(seen.sum()))
-    return (directions[seen] * measured[:, None]).astype(np.float32), seen
-
-
 VLP_16 = SpinningSensor()
 # by the names of products that they resemble; all with the same noise, so that a comparison shows what the pattern does
 SENSORS: dict[str, Sensor] = {
     "VLP-16": VLP_16,
     "OS0-32": SpinningSensor(32, -45.0, 45.0, 1024, max_range=50.0),
-    "OS1-64": SpinningSensor(64, -22.5, 22.5, 512),  # its mode of 512 azimuths; 1024 with `--azimuths`
+    "OS1-64": SpinningSensor(64, -22.5, 22.5, 512),  # its mode of 512 azimuths
     "XT32": SpinningSensor(32, -16.0, 15.0, 1000),
     "Mid-360": PatternSensor(dome, 20_000),
     "sector": PatternSensor(rosette, 24_000),
 }
 
 
-def sensor_named(name: str, azimuths: int | None = None) -> Sensor:
-    """The sensor of this name, with another number of azimuths if given.
-
-    Raises UserError for an unknown name, and for azimuths of a sensor that does not spin.
-    """
-    found = {known.casefold(): sensor for known, sensor in SENSORS.items()}.get(name.casefold())
-    if found is None:
-        raise UserError(f"sensor '{name}' is not known; give one of {', '.join(SENSORS)}")
-    if azimuths is None:
-        return found
-    if not isinstance(found, SpinningSensor):
-        raise UserError(f"sensor {name} does not spin; leave out its azimuths")
-    return replace(found, azimuths=azimuths)
+def sensor_named(name: str) -> Sensor:
+    """The sensor of this name. Raises UserError for an unknown one."""
+    for known, sensor in SENSORS.items():
+        if known.casefold() == name.casefold():
+            return sensor
+    raise UserError(f"sensor '{name}' is not known; give one of {', '.join(SENSORS)}")
 
 
 def described(sensor: Sensor) -> dict[str, object]:

@@ -1,7 +1,8 @@
 """One storey of an IFC model or a mesh for the simulation: solid parts, rooms and floor level; doors are open."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import ifcopenshell
@@ -12,13 +13,13 @@ from ifcopenshell.util.element import get_aggregate
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
-from data.geometry.areas import Area, triangles_of
+from data.geometry.areas import triangles_of
 from data.geometry.raycast import TriangleScene, area_normals
 from data.ifc.products import IfcProduct, open_ifc, products
 from data.ifc.rooms import STAIRS
 from data.plans.mesh_plan import is_mesh, read_mesh
+from data.simulation.as_built import as_built, recut
 from data.simulation.changes import AS_PLANNED, Change, Changes, draw_changes, draw_tolerances, of_class
-from data.simulation.changes.as_built import as_built, recut
 
 Triangles = NDArray[np.float64]  # (M, 3, 3) metres in the BIM frame
 Xy = NDArray[np.float64]  # (2,)
@@ -56,7 +57,6 @@ class StoreyModel:
     solid triangles of windows and of curtain walls' panels.
     """
 
-    id: str
     name: str
     level: float
     spaces: tuple[Space, ...]
@@ -73,7 +73,7 @@ class StoreyModel:
 def load_storeys(
     path: Path | str, storeys: Sequence[str], changes: Changes = AS_PLANNED, seed: int = 0, tolerance: float = 0.0
 ) -> list[StoreyModel]:
-    """Reads storeys of an IFC model by name, long name or GlobalId, or one level of a mesh (see `mesh_storey`). One
+    """Reads storeys of an IFC model by name, long name or GlobalId, or one level of a mesh (see `_mesh_storey`). One
     that is named twice is read once.
 
     `changes` are made to the walls, doors, windows and columns of a single storey, by `seed`; each wall stands off its
@@ -81,79 +81,68 @@ def load_storeys(
     ceiling in the model lend their lower and upper faces as such. Raises UserError for an unreadable file, an unknown
     storey, one with nothing on it, and for changes to several storeys or to a mesh.
     """
-    if is_mesh(path) and len(storeys) == 1:
-        return [mesh_storey(path, storeys[0], changes, seed, tolerance)]
+    if is_mesh(path):
+        if len(storeys) > 1 or changes.any:
+            lacks = "single walls, openings or columns to change" if changes.any else "marked stairs"
+            raise UserError(f"{path}: a mesh has no {lacks}; give an IFC file, or one storey as it is")
+        return [_mesh_storey(path, storeys[0], seed, tolerance)]
     if len(storeys) > 1 and changes.any:
         raise UserError("changes to the building need a drive on one storey; give one storey")
-    if is_mesh(path):
-        raise UserError(f"{path}: a mesh has no marked stairs; give one storey, or an IFC file")
     model = open_ifc(path)
-    entities = {name: _find_storey(model, name, path) for name in storeys}
-    shapes, models = _Shapes.of(model), dict[str, StoreyModel]()
-    for name, entity in entities.items():
-        if entity.GlobalId not in models:
-            what = f"{path}: storey '{name}'"
-            models[entity.GlobalId] = _storey_model(model, entity, shapes, changes, seed, tolerance, what)
-    return [models[entities[name].GlobalId] for name in storeys]
+    entities = [_find_storey(model, name, path) for name in storeys]
+    classes = {e.is_a() for e in model.by_type("IfcElement") if not _is_any(e, NOT_SOLID)}
+    solid = [p for p in products(model, tuple(sorted(classes))) if not _is_any(model.by_guid(p.global_id), NOT_SOLID)]
+    others = {name: list(products(model, (name,))) for name in ("IfcSpace", "IfcDoor", "IfcOpeningElement")}
 
+    @cache
+    def read(storey: ifcopenshell.entity_instance) -> StoreyModel:
+        return _storey_model(model, storey, solid, others, changes, seed, tolerance)
 
-@dataclass(frozen=True)
-class _Shapes:
-    """The triangulated products of a whole model: what is solid, spaces, door leaves, openings."""
-
-    solid: list[IfcProduct]
-    spaces: list[IfcProduct]
-    doors: list[IfcProduct]
-    openings: list[IfcProduct]
-
-    @staticmethod
-    def of(model: ifcopenshell.file) -> "_Shapes":
-        classes = sorted({e.is_a() for e in model.by_type("IfcElement") if not _is_any(e, NOT_SOLID)})
-        solid = [p for p in products(model, tuple(classes)) if not _is_any(model.by_guid(p.global_id), NOT_SOLID)]
-        others = (list(products(model, (c,))) for c in ("IfcSpace", "IfcDoor", "IfcOpeningElement"))
-        return _Shapes(solid, *others)
+    return [read(storey) for storey in entities]
 
 
 def _storey_model(
-    model: ifcopenshell.file,
-    entity: ifcopenshell.entity_instance,
-    shapes: _Shapes,
-    changes: Changes,
-    seed: int,
-    tolerance: float,
-    what: str,
-) -> StoreyModel:
-    """Returns the model; `what` names the storey in messages."""
-    planned = [p for p in shapes.solid if p.storey == entity.GlobalId]
-    walls = of_class(model, planned, "IfcWall")
-    made = draw_changes(model, planned, shapes.openings, changes, seed) if changes.any else ()
-    shifts = draw_tolerances(walls, tolerance, seed) if tolerance else ()
-    cut = recut(model, shapes.solid, shapes.openings, made)
-    pierced = of_class(model, [p for p in cut if p.storey == entity.GlobalId], "IfcWall")
-    solid = as_built(model, as_built(model, cut, made), shifts)
-    own = [p.triangles for p in solid if p.storey == entity.GlobalId]
-    rooms = [p for p in shapes.spaces if p.storey == entity.GlobalId]
-    spaces = tuple(s for s in (_space(model.by_guid(p.global_id), p) for p in rooms) if len(s.bottom))
+    model: ifcopenshell.file, storey: ifcopenshell.entity_instance, planned: list[IfcProduct],
+    others: Mapping[str, list[IfcProduct]], changes: Changes, seed: int, tolerance: float,
+) -> StoreyModel:  # fmt: skip
+    """Of the whole building's `planned` solid products, and others by class."""
+
+    def here(building: Iterable[IfcProduct]) -> list[IfcProduct]:
+        return [p for p in building if p.storey == storey.GlobalId]
+
+    openings = others["IfcOpeningElement"]
+    made = draw_changes(model, here(planned), openings, changes, seed) if changes.any else ()
+    shifts = draw_tolerances(of_class(model, here(planned), "IfcWall"), tolerance, seed) if tolerance else ()
+    cut = recut(model, planned, openings, made)
+    solid = as_built(model, cut, made, shifts)
+    own = [p.triangles for p in here(solid)]
+    rooms = (_space(model.by_guid(p.global_id), p) for p in here(others["IfcSpace"]))
+    spaces = tuple(space for space in rooms if len(space.bottom))
     if not solid or not (spaces or own):
-        raise UserError(f"{what} has no geometry to drive in; choose another storey")
-    leaves = as_built(model, as_built(model, shapes.doors, made), shifts)
-    doors = tuple(p.triangles for p in leaves if p.storey == entity.GlobalId)
-    corners = np.concatenate([s.bottom for s in spaces] or own).reshape(-1, 3)[:, :2]
+        raise UserError(f"storey '{storey.Name or storey.GlobalId}' has no geometry to drive in; choose another storey")
     triangles = np.concatenate([p.triangles for p in solid])
     panes = np.concatenate([np.full(len(p.faces), _is_pane(model.by_guid(p.global_id))) for p in solid])
     stairs = [p.triangles for p in solid if p.ifc_class in STAIRS]
-    level = _floor_of_spaces(spaces) if spaces else _elevation(model, entity)
+    level = _floor_of_spaces(spaces) if spaces else _elevation(model, storey)
     floors, ceilings = (_missing_faces(triangles, spaces, stairs, sign) for sign in (-1.0, 1.0))
-    if floors:
-        floors += [_threshold(p, level) for p in as_built(model, shapes.openings, made)]
-    solid_triangles = np.concatenate([triangles, *floors, *ceilings])
-    extent = (corners.min(axis=0), corners.max(axis=0))
-    glazed = np.pad(panes, (0, len(solid_triangles) - len(panes)))
-    level = _measured_floor(TriangleScene(solid_triangles), level, extent)
+    if floors:  # in doorways too, under the openings that stand on the floor
+        holes = (p.triangles for p in as_built(model, openings, made))
+        floors += [hole[np.abs(hole[:, :, 2] - level).max(axis=1) < 0.05] for hole in holes]
+    triangles = np.concatenate([triangles, *floors, *ceilings])
+    extent = _extent([space.bottom for space in spaces] or own)
+    level = _measured_floor(TriangleScene(triangles), level, extent)
+    glazed = np.pad(panes, (0, len(triangles) - len(panes)))
+    leaves = tuple(p.triangles for p in here(as_built(model, others["IfcDoor"], made, shifts)))
+    walls = tuple(of_class(model, here(cut), "IfcWall"))
     return StoreyModel(
-        entity.GlobalId, entity.Name or "", level, spaces, solid_triangles, glazed, doors, extent, made,
-        tuple(pierced), tuple(stairs), shifts,
+        storey.Name or "", level, spaces, triangles, glazed, leaves, extent, made, walls,
+        tuple(stairs), shifts,
     )  # fmt: skip
+
+
+def _extent(parts: list[Triangles]) -> tuple[Xy, Xy]:
+    corners = np.concatenate(parts).reshape(-1, 3)[:, :2]
+    return corners.min(axis=0), corners.max(axis=0)
 
 
 def _find_storey(model: ifcopenshell.file, storey: str, ifc: Path | str) -> ifcopenshell.entity_instance:
@@ -249,37 +238,27 @@ def _stair_crosses(faces: Triangles, stairs: list[Triangles]) -> bool:
     return False
 
 
-def _threshold(opening: IfcProduct, level: float) -> Triangles:
-    """The lower faces of an opening that stands on the floor: the floor in a doorway."""
-    triangles = opening.triangles
-    return triangles[np.abs(triangles[:, :, 2] - level).max(axis=1) < 0.05]
-
-
-def mesh_storey(path: Path | str, storey: str, changes: Changes, seed: int, tolerance: float) -> StoreyModel:
+def _mesh_storey(path: Path | str, storey: str, seed: int, tolerance: float) -> StoreyModel:
     """Reads the mesh; `storey` is the id or name of a level in its A-graph, empty for the lowest. With a `tolerance`
     (m, standard deviation), each upright plane of the mesh stands off its place.
 
-    Raises UserError for an unknown level, one without rooms, and for changes, since a mesh has no separate elements.
+    Raises UserError for an unknown level, or one without rooms.
     """
-    if changes.any:
-        raise UserError(f"{path}: a mesh has no single walls, openings or columns to change; give an IFC file")
     building = read_mesh(path)
     names = {f.id: f.name for f in building.graph.floors}
     levels = [v for v in building.levels if v.floor is not None and storey in ("", v.floor, names[v.floor])]
     if not levels:
         raise UserError(f"{path}: no level '{storey}'; it has: {', '.join(repr(name) for name in names.values())}")
-    level = levels[0]
-    spaces = []
-    for room in level.rooms:
-        bottom = _flat(room.area, level.bottom)
-        label = RoomLabel(room.room.id, room.room.name, room.room.name)
-        spaces.append(Space(label, bottom, bottom + np.array([0.0, 0.0, level.top - level.bottom])))
-    corners = np.concatenate([s.bottom for s in spaces]).reshape(-1, 3)[:, :2]
-    extent = (corners.min(axis=0), corners.max(axis=0))
-    name = names[str(level.floor)]
+    level, spaces = levels[0], []
+    for volume in level.rooms:
+        plan, room = triangles_of(volume.area), volume.room
+        bottom = np.dstack([plan, np.full(plan.shape[:2], level.bottom)])
+        top = bottom + np.array([0.0, 0.0, level.top - level.bottom])
+        spaces.append(Space(RoomLabel(room.id, room.name, room.name), bottom, top))
     solid = _shifted(building.triangles, tolerance, seed) if tolerance else building.triangles
-    no_panes = np.zeros(len(solid), dtype=bool)
-    return StoreyModel(str(level.floor), name, level.bottom, tuple(spaces), solid, no_panes, (), extent)
+    extent = _extent([space.bottom for space in spaces])
+    name, no_panes = names[str(level.floor)], np.zeros(len(solid), dtype=bool)
+    return StoreyModel(name, level.bottom, tuple(spaces), solid, no_panes, (), extent)
 
 
 def _shifted(triangles: Triangles, tolerance: float, seed: int) -> Triangles:
@@ -293,9 +272,3 @@ def _shifted(triangles: Triangles, tolerance: float, seed: int) -> Triangles:
     shift = np.random.default_rng([seed, 102]).normal(0.0, tolerance, int(plane.max()) + 1)[plane.ravel()]
     flat = normals * [1.0, 1.0, 0.0]
     return triangles + (np.where(upright, shift, 0.0)[:, None] * flat)[:, None]
-
-
-def _flat(area: Area, z: float) -> Triangles:
-    """(M, 3, 3) the area as triangles at one height."""
-    plan = triangles_of(area)
-    return np.dstack([plan, np.full(plan.shape[:2], z)])

@@ -3,7 +3,6 @@
 On stairs it leads where a robot can stand on the building's triangles, from one storey to the next.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -11,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
 
 from data.common.errors import UserError
 from data.geometry.raycast import TriangleScene
 from data.simulation.drive import Robot
-from data.simulation.effects.platforms import Platforms, platforms
-from data.simulation.route import Cell, Grid, Planner, build_grid, plan_tour, resampled, smoothed, tour
+from data.simulation.furniture import Platforms, platforms
+from data.simulation.route import SHORTEST, Planner, build_grid, resampled, smoothed, tour
 from data.simulation.storey_model import StoreyModel, Triangles
 
 CELL = 0.1  # m
@@ -31,16 +31,7 @@ SMOOTH_XY, SMOOTH_Z = 0.15, 0.3  # m along the way
 LAYERS = 12  # of surfaces over each other that are looked for
 
 _DOWN, _UP = np.array([0.0, 0.0, -1.0]), np.array([0.0, 0.0, 1.0])
-Grids = dict[StoreyModel, Grid]
-Leg = NDArray[np.float64]  # (N, 3) x y z of the ground in the BIM frame; on a single storey (N, 2)
-
-
-@dataclass(frozen=True)
-class Storey:
-    """A storey's model and where the robot can drive on it."""
-
-    model: StoreyModel
-    planner: Planner
+Leg = NDArray[np.float64]  # (N, 3) x y z of the ground in the BIM frame
 
 
 @dataclass(frozen=True)
@@ -52,7 +43,7 @@ class _Ground:
     room: NDArray[np.float64]
 
 
-def stair_way(start: Storey, end: Storey, scene: TriangleScene, radius: float) -> Leg:
+def stair_way(start: Planner, end: Planner, scene: TriangleScene, radius: float) -> Leg:
     """The easiest way from a storey to the next over the building's stairs, `SPACING` apart in plan.
 
     It begins and ends where the robot can drive on either storey. Raises UserError where there is no stair between
@@ -64,18 +55,16 @@ def stair_way(start: Storey, end: Storey, scene: TriangleScene, radius: float) -
     if not stairs or high - low < 0.5:
         raise UserError(f"there is no stair {between}; choose storeys that a stair joins")
     ground = _ground(_columns(stairs), scene, (low, high), radius)
-    first, last = _on(ground, start), _on(ground, end)
-    way = _easiest(ground, first, last, radius)
+    way = _easiest(ground, _on(ground, start), _on(ground, end), radius)
     if way is None:
         raise UserError(f"no stair {between} can be climbed by a robot of {radius} m radius; choose other storeys")
-    ends = [_cell_at(storey, ground.places[way[k]]) for k, storey in ((0, start), (-1, end))]
-    return _smooth(np.vstack([ends[0], ground.places[way], ends[1]]))
-
-
-def _cell_at(storey: Storey, place: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3,) on the storey's floor, the middle of its cell there."""
-    grid = storey.planner.grid
-    return np.array([*grid.to_xy(grid.to_cells(place[:2])), storey.model.level])
+    first, last = (
+        [*storey.grid.to_xy(storey.grid.to_cells(place[:2])), storey.model.level]
+        for storey, place in ((start, way[0]), (end, way[-1]))
+    )
+    columns = resampled(np.vstack([first, way, last])).T
+    widths = (SMOOTH_XY, SMOOTH_XY, SMOOTH_Z)
+    return np.stack([smoothed(column, width) for column, width in zip(columns, widths, strict=True)], axis=1)
 
 
 def _columns(stairs: list[Triangles]) -> NDArray[np.int64]:
@@ -136,134 +125,74 @@ def _around(count: int) -> NDArray[np.float64]:
     return np.column_stack([np.cos(angle), np.sin(angle), np.zeros(count)])
 
 
-def _on(ground: _Ground, storey: Storey) -> NDArray[np.int64]:
+def _on(ground: _Ground, storey: Planner) -> NDArray[np.int64]:
     """Which places lie on the storey's floor, where the robot can drive."""
-    grid, free = storey.planner.grid, storey.planner.free
-    cells = grid.to_cells(ground.places[:, :2])
-    within = ((cells >= 0) & (cells < free.shape)).all(axis=1)
+    cells = storey.grid.to_cells(ground.places[:, :2])
+    within = ((cells >= 0) & (cells < storey.free.shape)).all(axis=1)
     rows, columns = np.where(within[:, None], cells, 0).T
-    return np.flatnonzero(within & free[rows, columns] & (np.abs(ground.places[:, 2] - storey.model.level) < SAME))
+    level = np.abs(ground.places[:, 2] - storey.model.level) < SAME
+    return np.flatnonzero(within & storey.free[rows, columns] & level)
 
 
-def _easiest(
-    ground: _Ground, first: NDArray[np.int64], last: NDArray[np.int64], radius: float
-) -> NDArray[np.int64] | None:
-    """The places of the cheapest path from any of the first to any of the last; None if there is none.
+def _easiest(ground: _Ground, first: NDArray[np.int64], last: NDArray[np.int64], radius: float) -> Leg | None:
+    """The cheapest path from any of the first places to any of the last; None if there is none.
 
     Within the storeys' floors their own planners are responsible: starting or ending there costs nothing.
     """
     if not len(first) or not len(last):
         return None
-    i, j = _steps(ground)
+    i, j = cKDTree(ground.cells).query_pairs(1.0, p=np.inf, output_type="ndarray").T
+    is_step = (ground.cells[i] != ground.cells[j]).any(axis=1)
+    is_step &= np.abs(ground.places[i, 2] - ground.places[j, 2]) < RISE
+    i, j = i[is_step], j[is_step]
     near = np.clip(1 - (np.minimum(ground.room[i], ground.room[j]) - radius) / COMFORT, 0, 1)
     cost = np.linalg.norm(ground.places[i] - ground.places[j], axis=1) * (1 + NEARNESS * near**2)
     count = len(ground.places)
     graph = coo_matrix((cost, (i, j)), shape=(count, count)).tocsr()
-    costs, before, _ = dijkstra(graph, indices=first, min_only=True, return_predecessors=True)
+    costs, before, _ = dijkstra(graph, directed=False, indices=first, min_only=True, return_predecessors=True)
     there = int(last[np.argmin(costs[last])])
     if not np.isfinite(costs[there]):
         return None
     way = [there]
     while before[way[-1]] >= 0:
         way.append(int(before[way[-1]]))
-    return np.array(way[::-1])
-
-
-def _steps(ground: _Ground) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pairs of places, in both directions, that are a step apart."""
-    lowest = ground.cells.min(axis=0) - 1
-    width = int(ground.cells[:, 1].max() - lowest[1]) + 2
-    key = (ground.cells[:, 0] - lowest[0]) * width + ground.cells[:, 1] - lowest[1]
-    order = np.argsort(key, kind="stable")
-    first, second = [], []
-    for shift in (1, width - 1, width, width + 1):
-        low = np.searchsorted(key[order], key + shift, side="left")
-        high = np.searchsorted(key[order], key + shift, side="right")
-        for layer in range(int((high - low).max(initial=0))):
-            here = np.flatnonzero(low + layer < high)
-            there = order[low[here] + layer]
-            step = np.abs(ground.places[here, 2] - ground.places[there, 2]) < RISE
-            first += [here[step], there[step]]
-            second += [there[step], here[step]]
-    return np.concatenate(first), np.concatenate(second)
-
-
-def _smooth(way: Leg) -> Leg:
-    widths = (SMOOTH_XY, SMOOTH_XY, SMOOTH_Z)
-    return np.stack([smoothed(column, width) for column, width in zip(resampled(way).T, widths, strict=True)], axis=1)
+    return ground.places[way[::-1]]
 
 
 @dataclass(frozen=True, eq=False)
 class Way:
-    """The way through a building: its surfaces, the floor of each storey, the `legs` of the tour, (N, 2) on one storey,
-    (N, 3) over several, the heading at the start (rad), and the floors that are `raised`, None without any."""
+    """The way through a building: where the robot can drive on each storey, the `legs` of the tour (N, 3), the heading
+    at the start (rad), and the floors that are `raised`."""
 
-    scene: TriangleScene
-    grids: Grids
+    planners: list[Planner]
     legs: tuple[Leg, ...]
     start_yaw: float
-    raised: Platforms | None
+    raised: Platforms
 
 
 def way_through(
-    models: list[StoreyModel],
-    top: float,
-    robot: Robot,
-    min_rooms: int,
-    min_length: float,
-    and_back: bool,
-    has_steps: bool,
-    seed: int,
+    models: list[StoreyModel], top: float, robot: Robot, min_rooms: int, min_length: float, has_steps: bool, seed: int
 ) -> Way:
-    """A random tour of the storeys, in their order, below `top` (m above the floor); see `plan_tour`.
+    """A random tour of the storeys, in their order, below `top` (m above the floor), from a random place on the first.
 
-    Raises UserError where the robot cannot move, or cannot climb from storey to storey.
+    On each storey the robot enters `min_rooms` rooms and drives `min_length` metres (see `tour`); on the last one it
+    ends where it arrived. Raises UserError where the robot cannot move, or cannot climb from storey to storey.
     """
     own = list(dict.fromkeys(models))
     scene = TriangleScene(np.concatenate([model.solid for model in own]))
-    grids = {model: build_grid(model, scene, top) for model in own}
     rng = np.random.default_rng(seed)
     start_yaw = float(rng.uniform(-np.pi, np.pi))
-    if len(models) == 1:
-        legs = plan_tour(grids[models[0]], robot.radius, min_rooms, min_length, rng)
-    else:
-        of = {model: Storey(model, Planner(grid, robot.radius, rng)) for model, grid in grids.items()}
-        legs = _plan_storeys([of[model] for model in models], scene, robot.radius, min_rooms, min_length, rng)
-    if and_back:
-        legs = (*legs, *(leg[::-1] for leg in reversed(legs)))
-    raised = platforms(models, legs, scene, seed) if has_steps else None
-    if raised is not None:
-        legs = tuple(raised.over(leg, models[0].level) for leg in legs)
-    return Way(scene, grids, legs, start_yaw, raised)
-
-
-def _plan_storeys(
-    storeys: Sequence[Storey],
-    scene: TriangleScene,
-    radius: float,
-    min_rooms: int,
-    min_length: float,
-    rng: np.random.Generator,
-) -> tuple[Leg, ...]:
-    """The legs (N, 3) of a drive over the storeys in their order, from a random place on the first.
-
-    On each storey the robot enters `min_rooms` rooms and drives `min_length` metres (see `tour`); on the last one it
-    ends where it arrived. Raises UserError where a stair is missing, or a storey cannot be driven.
-    """
-    ways = [stair_way(a, b, scene, radius) for a, b in pairwise(storeys)]
-    planner = storeys[0].planner
-    start = planner.random_cell(planner.rooms[rng.integers(len(planner.rooms))])
+    planners = [Planner(model, build_grid(model, scene, top), robot.radius, rng) for model in own]
+    tour_of = [planners[own.index(model)] for model in models]
+    ways = [stair_way(a, b, scene, robot.radius) for a, b in pairwise(tour_of)]
+    start = tour_of[0].random_cell(tour_of[0].rooms[rng.integers(len(tour_of[0].rooms))])
     legs: list[Leg] = []
-    for k, storey in enumerate(storeys):
-        end = _cell(storey, ways[k][0]) if k < len(ways) else start
-        on_floor = tour(storey.planner, start, end, min_rooms, min_length, shortest=0.0)
+    for k, storey in enumerate(tour_of):
+        end = storey.grid.cell(ways[k][0]) if k < len(ways) else start
+        on_floor = tour(storey, start, end, min_rooms, min_length, 0.0 if ways else SHORTEST)
         legs += [np.column_stack([leg, np.full(len(leg), storey.model.level)]) for leg in on_floor]
         if k < len(ways):
             legs.append(ways[k])
-            start = _cell(storeys[k + 1], ways[k][-1])
-    return tuple(legs)
-
-
-def _cell(storey: Storey, place: NDArray[np.float64]) -> Cell:
-    row, column = storey.planner.grid.to_cells(place[:2]).tolist()
-    return row, column
+            start = tour_of[k + 1].grid.cell(ways[k][-1])
+    raised = platforms(own, legs, scene, seed) if has_steps else Platforms(())
+    return Way(planners, tuple(raised.over(leg) for leg in legs), start_yaw, raised)

@@ -1,10 +1,8 @@
 """The storeys of an A-graph for exploration: which rooms are connected, and walks through them."""
 
-import heapq
-import weakref
+import math
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import count
 
 import numpy as np
 import shapely
@@ -18,6 +16,7 @@ from data.scene_graph import Room, SceneGraph
 from data.scene_graph.segments import Segments
 
 Index = NDArray[np.int64]
+Way = tuple[int, int]  # the place in the walk of the room that it leaves, and the next room
 THICKEST = 0.35  # m, of a wall between two rooms
 SQUARE = np.radians(10)  # the two sides of a wall are antiparallel within it
 LEAST_BESIDE = 0.1  # m, of two sides of one wall
@@ -116,20 +115,15 @@ class Walk:
     parents: tuple[int, ...]
 
 
-_known: dict[int, tuple[weakref.ref[SceneGraph], list[Storey]]] = {}
-
-
 def storeys_of(graph: SceneGraph) -> list[Storey]:
     """Returns the storeys with rooms that have wall surfaces, in the order of `floors`, then of appearance.
 
-    The result is cached for the lifetime of the graph.
+    The result is kept with the graph.
     """
-    known = _known.get(id(graph))
-    if known is None or known[0]() is not graph:
-        key = id(graph)
-        known = (weakref.ref(graph, lambda _: _known.pop(key, None)), _storeys(graph))
-        _known[key] = known
-    return known[1]
+    kept: dict[str, list[Storey]] = vars(graph)
+    if "storeys" not in kept:
+        kept["storeys"] = _storeys(graph)
+    return kept["storeys"]
 
 
 def walk(storey: Storey, rng: np.random.Generator, count: int | None, start: int | None = None) -> Walk:
@@ -146,19 +140,32 @@ def walk(storey: Storey, rng: np.random.Generator, count: int | None, start: int
     most = max(1, min(wanted, int(storey.reach[1].max())))
     starts = np.flatnonzero(walled & (storey.reach[0] >= most))
     starts = starts if len(starts) else np.flatnonzero(walled & (storey.reach[1] >= most))
-    rooms, parents = [int(rng.choice(starts)) if start is None else start], [-1]
-    doors, walls = _Ways(storey.by_door), _Ways(storey.across_walls)
+    rooms, parents, doors, walls = list[int](), list[int](), list[Way](), list[Way]()
+
+    def enter(room: int, parent: int) -> None:
+        rooms.append(room)
+        parents.append(parent)
+        for ways, beyond in ((doors, storey.by_door), (walls, storey.across_walls)):
+            ways += [(len(rooms) - 1, k) for k in beyond[room] if k not in rooms]
+
+    def drawn(ways: list[Way]) -> Way | None:
+        """A way to a new room, drawn uniformly."""
+        while ways:
+            n = int(rng.integers(len(ways)))
+            ways[n], ways[-1] = ways[-1], ways[n]
+            if (way := ways.pop())[1] not in rooms:
+                return way
+        return None
+
+    enter(int(rng.choice(starts)) if start is None else start, -1)
     left = wanted - int(walled[rooms[0]])
     while left:
-        for ways in (doors, walls):
-            ways.open(rooms)
-        way = doors.draw(rng) or walls.draw(rng)
+        way = drawn(doors) or drawn(walls)
         if way is None and count is None:
             way = _nearest_remaining(storey, rooms, walled)
         if way is None:
             break
-        parents.append(way[0])
-        rooms.append(way[1])
+        enter(way[1], way[0])
         left -= int(walled[way[1]])
     return Walk(tuple(rooms), tuple(parents))
 
@@ -169,73 +176,38 @@ def nearest_first(storey: Storey, start: int) -> tuple[Walk, int]:
     Distances follow straight lines from door to door. Since a model may lack doors, the remaining rooms follow across
     walls, nearest first.
     """
-    rooms, parents, by_doors, tie = [start], [-1], 0, count()
-    queue: list[tuple[float, int, int, int, int]] = []  # of Dijkstra: the way to a door, from which room to which one
-    passed: set[tuple[int, int]] = set()
-    doors_of: list[list[tuple[int, int]]] = [[] for _ in storey.rooms]
-    for door, (i, j, _) in enumerate(storey.doors):
-        doors_of[i].append((door, j))
-        doors_of[j].append((door, i))
-
-    def enter(room: int, way: float, place: Array) -> None:
-        for door, beyond in doors_of[room]:
-            far = way + float(np.hypot(*(storey.doors[door][2] - place)))
-            heapq.heappush(queue, (far, next(tie), room, door, beyond))
-
-    enter(start, 0.0, storey.middle[start])
+    rooms, parents, by_doors = [start], [-1], 0
     while True:
-        while queue:
-            way, _, parent, door, room = heapq.heappop(queue)
-            if (parent, door) in passed:
-                continue
-            passed.add((parent, door))
-            enter(room, way, storey.doors[door][2])
-            if room not in rooms:
+        for door in _doors_by_distance(storey, rooms[-1]):
+            i, j, _ = storey.doors[door]
+            if (i in rooms) != (j in rooms):
+                parent, room = (i, j) if i in rooms else (j, i)
                 parents.append(rooms.index(parent))
                 rooms.append(room)
         by_doors = by_doors or len(rooms)
-        ways = [
-            (float(np.hypot(*(storey.middle[k] - storey.middle[r]))), n, k)
-            for n, r in enumerate(rooms)
-            for k in storey.across_walls[r]
-        ]
-        ways = [way for way in ways if way[2] not in rooms]
-        if not ways:
+        steps = [(n, k) for n, r in enumerate(rooms) for k in storey.across_walls[r] if k not in rooms]
+        if not steps:
             return Walk(tuple(rooms), tuple(parents)), by_doors
-        far, at, room = min(ways)
+        at, room = min(steps, key=lambda step: math.dist(storey.middle[rooms[step[0]]], storey.middle[step[1]]))
         parents.append(at)
         rooms.append(room)
-        enter(room, far, storey.middle[room])
 
 
-class _Ways:
-    """Connections from entered rooms to others."""
+def _doors_by_distance(storey: Storey, start: int) -> list[int]:
+    """The doors that can be reached from a room's middle, nearest first."""
+    from scipy.sparse.csgraph import dijkstra  # slow to import
 
-    def __init__(self, neighbours: list[list[int]]) -> None:
-        self._neighbours = neighbours
-        self._ways: list[tuple[int, int]] = []  # place of the room in the walk, neighbour
-        self._entered: set[int] = set()
-        self._opened = 0
-
-    def open(self, rooms: list[int]) -> None:
-        """Adds the connections of rooms entered since the last call."""
-        for place in range(self._opened, len(rooms)):
-            self._entered.add(rooms[place])
-            self._ways += [(place, k) for k in self._neighbours[rooms[place]] if k not in self._entered]
-        self._opened = len(rooms)
-
-    def draw(self, rng: np.random.Generator) -> tuple[int, int] | None:
-        """A connection drawn uniformly, or None."""
-        while self._ways:
-            n = int(rng.integers(len(self._ways)))
-            self._ways[n], self._ways[-1] = self._ways[-1], self._ways[n]
-            way = self._ways.pop()
-            if way[1] not in self._entered:
-                return way
-        return None
+    joined = [(start, start), *((i, j) for i, j, _ in storey.doors)]
+    place = np.array([storey.middle[start], *(at for _, _, at in storey.doors)])
+    of = np.zeros((len(joined), len(storey.rooms)), dtype=np.float32)
+    of[np.arange(len(joined))[:, None], joined] = 1.0
+    apart = np.hypot(*(place[:, None] - place).transpose(2, 0, 1))
+    # a way of no length, between two leaves of one door, would be none
+    far = dijkstra(np.where(of @ of.T > 0, np.maximum(apart, 1e-9), 0.0), directed=False, indices=0)[1:]
+    return [door for door in np.argsort(far, kind="stable").tolist() if np.isfinite(far[door])]
 
 
-def _nearest_remaining(storey: Storey, rooms: list[int], walled: NDArray[np.bool_]) -> tuple[int, int]:
+def _nearest_remaining(storey: Storey, rooms: list[int], walled: NDArray[np.bool_]) -> Way:
     others = np.setdiff1d(np.flatnonzero(walled), rooms)
     distance = np.linalg.norm(storey.middle[others, None] - storey.middle[None, rooms], axis=-1)
     k, n = np.unravel_index(int(distance.argmin()), distance.shape)

@@ -18,7 +18,7 @@ origin and heading are those of a robot that started somewhere in one of the roo
 """
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -30,6 +30,7 @@ from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface, Xy
 from data.scene_graph.nodes import xy_of
 from data.synthetic_maps.exploration import Index, Storey, Walk, storeys_of, walk
 from data.synthetic_maps.wall_noise import (
+    DOOR_MISSING,
     USUAL,
     MapRooms,
     NoiseLevels,
@@ -37,7 +38,6 @@ from data.synthetic_maps.wall_noise import (
     mis_segmented,
     observe_walls,
     rooms_as_entered,
-    some_doors_missed,
     true_rooms,
 )
 
@@ -93,7 +93,13 @@ def draw(
     """
     if noise not in NOISE_MODELS:
         raise UserError(f"no noise model '{noise}' of S-graphs; there are: {', '.join(NOISE_MODELS)}")
-    storey = _choose(a, floor, rng)
+    storeys = {storey.floor: storey for storey in storeys_of(a)}
+    if not storeys:
+        raise UserError("the A-graph has no room with wall surfaces; an S-graph cannot be drawn from it")
+    if floor is not None and floor not in storeys:
+        there = ", ".join(map(str, storeys))
+        raise UserError(f"the A-graph has no floor '{floor}' with rooms; there are: {there}")
+    storey = storeys[floor] if floor is not None else list(storeys.values())[int(rng.integers(len(storeys)))]
     while True:  # of a small part of a plan it may happen that nothing is seen
         if noise == "paper":
             drawn = _paper(storey, rng)
@@ -118,27 +124,18 @@ def perfect_map(a: SceneGraph, rooms: Collection[str]) -> DrawnGraph:
     )
 
 
-def _choose(a: SceneGraph, floor: str | None, rng: np.random.Generator) -> Storey:
-    storeys = storeys_of(a)
-    if not storeys:
-        raise UserError("the A-graph has no room with wall surfaces; an S-graph cannot be drawn from it")
-    if floor is None:
-        return storeys[int(rng.integers(len(storeys)))]
-    for storey in storeys:
-        if storey.floor == floor:
-            return storey
-    names = ", ".join(str(s.floor) for s in storeys)
-    raise UserError(f"the A-graph has no floor '{floor}' with rooms; there are: {names}")
-
-
 def _paper(storey: Storey, rng: np.random.Generator) -> DrawnGraph:
-    rooms = surviving_rooms(storey, rng)
-    T_map_a = global_noise(rng)
+    """Of at least one room with walls; the shift is at most 5 mm along each axis, the rotation about the origin."""
+    walled = np.flatnonzero([len(w) > 0 for w in storey.walls_of])
+    rooms = walled[:0]
+    while not len(rooms):
+        rooms = walled[rng.random(len(walled)) >= DROPPED]
+    yaw = rng.uniform(0, 2 * np.pi)
+    T_map_a = np.array([se2.wrap(np.array(yaw)), *se2.rotate(yaw, SHIFT * (rng.random(2) - 0.5))])
     walked = Walk(tuple(rooms.tolist()), (-1,) * len(rooms))
-    map_rooms = rooms_as_entered(storey, walked, surviving_walls(storey, rooms, rng))
+    map_rooms = rooms_as_entered(storey, walked, _surviving_walls(storey, rooms, rng))
     place = se2.apply(T_map_a, storey.middle[rooms])
-    motions = dict.fromkeys(walked.rooms, T_map_a)
-    return _built(storey, map_rooms, motions, rng, False, place)
+    return _built(storey, map_rooms, dict.fromkeys(walked.rooms, T_map_a), rng, False, place)
 
 
 def draw_walk(
@@ -147,7 +144,8 @@ def draw_walk(
     """Draws the S-graph of a walk through a storey with any noise but that of `paper`; rooms without any observation
     are not in it."""
     map_rooms = rooms_as_entered(storey, walked, observe_walls(storey, np.array(walked.rooms), rng, levels))
-    map_rooms = some_doors_missed(map_rooms, rng)
+    doors = tuple(door for door in map_rooms.doors if rng.random() >= DOOR_MISSING)
+    map_rooms = replace(map_rooms, doors=doors)
     deformed = noise != "real"
     if noise == "mis_segmented":
         map_rooms = mis_segmented(map_rooms, walked, rng, levels)
@@ -245,16 +243,7 @@ def _triple(T: Array) -> Motion:
     return yaw, x, y
 
 
-def surviving_rooms(storey: Storey, rng: np.random.Generator) -> Index:
-    """Returns the remaining rooms, at least one of those that have walls."""
-    walled = np.flatnonzero([len(w) > 0 for w in storey.walls_of])
-    while True:
-        kept = walled[rng.random(len(walled)) >= DROPPED]
-        if len(kept):
-            return kept
-
-
-def surviving_walls(storey: Storey, rooms: Index, rng: np.random.Generator) -> ObservedWalls:
+def _surviving_walls(storey: Storey, rooms: Index, rng: np.random.Generator) -> ObservedWalls:
     """Returns the remaining walls of these rooms, with local noise.
 
     A wall drawn for dropout is only dropped if more than one of it and its two neighbours in the room's ring remain.
@@ -264,19 +253,13 @@ def surviving_walls(storey: Storey, rooms: Index, rng: np.random.Generator) -> O
         ring = _ring(storey, room)
         left = np.ones(len(ring), dtype=bool)
         for k in np.flatnonzero(rng.random(len(ring)) < DROPPED).tolist():
-            around = {k, k - 1 if k else len(ring) - 1, (k + 1) % len(ring)}
+            around = {(k - 1) % len(ring), k, (k + 1) % len(ring)}
             left[k] = left[list(around)].sum() <= 1
         kept.append(ring[left])
     wall = np.concatenate(kept)
     centre = storey.centre[wall] + LOCAL_SHIFT * (rng.random((len(wall), 2)) - 0.5)
     heading = storey.heading[wall] + LOCAL_TURN * (rng.random(len(wall)) - 0.5)
     return ObservedWalls(centre, heading, storey.half[wall], wall, storey.room[wall])
-
-
-def global_noise(rng: np.random.Generator) -> Array:
-    """(3,) T_map_a: a shift by at most 5 mm along each axis, then a random rotation about the origin."""
-    yaw = rng.uniform(0, 2 * np.pi)
-    return np.array([se2.wrap(np.array(yaw)), *se2.rotate(yaw, SHIFT * (rng.random(2) - 0.5))])
 
 
 def _ring(storey: Storey, room: int) -> Index:

@@ -19,15 +19,12 @@ SIGMA_END = 0.346  # m along the wall, of each end
 SIGMA_ACROSS = 0.061  # m
 SIGMA_TILT = float(np.radians(0.15))
 SHORTEST = 0.35  # m; shorter walls are not observed
-MISSING = 0.1  # of the walls
-IN_PIECES = 0.1  # of the walls that are long enough
 WIDEST_GAP = 0.6  # m between two pieces
 MOST_HIDDEN = 0.6  # of a wall whose end is hidden
-CLUTTER = 0.1  # surfaces that are no wall, for each wall
 LONGEST_CLUTTER = 3.0  # m
 BEFORE_WALL = 0.3  # m: least depth of a cupboard
 SIGMA_SKEW = float(np.radians(2.0))  # of clutter, to the walls
-DOOR_MISSING = 0.1
+DOOR_MISSING = 0.1  # of the doors
 LEAST_CUT = 2.0  # m; shorter rooms are not split
 
 
@@ -41,10 +38,10 @@ class NoiseLevels:
     """
 
     sigma: float = 1.0
-    missing: float = MISSING
-    in_pieces: float = IN_PIECES
+    missing: float = 0.1
+    in_pieces: float = 0.1  # of the walls that are long enough
     cut_short: float = 0.0
-    clutter: float = CLUTTER
+    clutter: float = 0.1
     altered: float = 0.1
     astray: float = 0.1
 
@@ -134,14 +131,8 @@ def _within(storey: Storey, found: ObservedWalls) -> ObservedWalls:
     """
     standing = np.zeros(len(found), dtype=bool)
     for _ in range(4):
-        inside = np.array(
-            [
-                storey.holds(int(k), np.array([c - a, c, c + a]))
-                for k, c, a in zip(found.room, found.centre, found.arm, strict=True)
-            ],
-            dtype=bool,
-        )
-        standing |= inside
+        for n, (room, c, arm) in enumerate(zip(found.room.tolist(), found.centre, found.arm, strict=True)):
+            standing[n] |= storey.holds(room, np.array([c - arm, c, c + arm]))
         pull = np.where(standing, 0.0, 0.3)
         found = replace(
             found,
@@ -158,6 +149,11 @@ class Passage:
     rooms: tuple[int, int]
     place: Array
     seen_from: int
+
+    def moved(self, old: int, new: int) -> "Passage":
+        """The door of the room `new`, where it was of `old`."""
+        first, last = (new if room == old else room for room in self.rooms)
+        return replace(self, rooms=(first, last))
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,11 +174,6 @@ def rooms_as_entered(storey: Storey, walk: Walk, seen: ObservedWalls) -> MapRoom
         if i in place and j in place
     )
     return MapRooms(seen, np.array([place[r] for r in seen.room.tolist()], dtype=np.int64), doors)
-
-
-def some_doors_missed(map_rooms: MapRooms, rng: np.random.Generator) -> MapRooms:
-    """Drops each door with a probability of 10 %."""
-    return replace(map_rooms, doors=tuple(d for d in map_rooms.doors if rng.random() >= DOOR_MISSING))
 
 
 def mis_segmented(map_rooms: MapRooms, walk: Walk, rng: np.random.Generator, levels: NoiseLevels = USUAL) -> MapRooms:
@@ -223,12 +214,9 @@ def _beside(walk: Walk, n: int) -> list[int]:
 
 
 def _merged(map_rooms: MapRooms, kept: int, gone: int) -> MapRooms:
-    doors = []
-    for door in map_rooms.doors:
-        first, last = (kept if r == gone else r for r in door.rooms)
-        if first != last:
-            doors.append(replace(door, rooms=(first, last)))
-    return MapRooms(map_rooms.seen, np.where(map_rooms.home == gone, kept, map_rooms.home), tuple(doors))
+    doors = (door.moved(gone, kept) for door in map_rooms.doors)
+    home = np.where(map_rooms.home == gone, kept, map_rooms.home)
+    return MapRooms(map_rooms.seen, home, tuple(door for door in doors if door.rooms[0] != door.rooms[1]))
 
 
 def _cut(map_rooms: MapRooms, room: int, new: int, rng: np.random.Generator) -> MapRooms:
@@ -253,17 +241,11 @@ def _cut(map_rooms: MapRooms, room: int, new: int, rng: np.random.Generator) -> 
     middle = turned.mean(axis=0)
     middle[axis] = at
     place = se2.rotate(grid, middle)
-    doors = [_after_cut(door, room, new, along, at) for door in map_rooms.doors]
+    doors = [door.moved(room, new) if float(along @ door.place) > at else door for door in map_rooms.doors]
     seen_from = int(np.bincount(part.room).argmax())
     return MapRooms(
         joined([seen.at(rest), *pieces]), np.concatenate(homes), (*doors, Passage((room, new), place, seen_from))
     )
-
-
-def _after_cut(door: Passage, room: int, new: int, along: Array, at: float) -> Passage:
-    beyond = float(along @ door.place) > at
-    first, last = (new if r == room and beyond else r for r in door.rooms)
-    return replace(door, rooms=(first, last))
 
 
 def _side(part: ObservedWalls, along: Array, offset: float) -> ObservedWalls:

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from pydantic import PositiveInt
 
-from data.generation.demo_building import DEMO_STOREYS
+from data.generation import DEMO_STOREYS
 from evaluation.drive import DriveCase, DriveOptions, drive_of
 from evaluation.run import described, outcome_of, study_of_runs
 from evaluation.study import Claim, Record

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel, ConfigDict
 
-from data.generation.demo_building import DEMO_STOREYS
+from data.generation import DEMO_STOREYS
 from evaluation.buildings import plan_graph
 from evaluation.drive import DriveCase, drive_of
 from evaluation.run import described, outcome_of, study_of_runs

@@ -20,7 +20,7 @@ from data import SceneGraph
 from data.geometry import se2
 from data.synthetic_maps.exploration import Storey, storeys_of
 from data.synthetic_maps.noise_models import perfect_map
-from data.synthetic_maps.wall_noise import MISSING, SIGMA_ACROSS, SIGMA_END
+from data.synthetic_maps.wall_noise import SIGMA_ACROSS, SIGMA_END, USUAL
 from matching.arrays.walls import between_graphs
 from matching.engine.alternatives import alternative_placements
 from matching.engine.evidence import Chance, Noise, evidence
@@ -31,7 +31,9 @@ from matching.engine.hypotheses import LAST_SIGMAS, polished, scene_of
 from matching.engine.plan_walls import PlanWalls
 
 SURE = float(np.log(199))  # nats
-NOISE = Noise(np.array([SIGMA_ACROSS]), np.array([(SIGMA_END, 1 - MISSING, MISSING / 2, MISSING / 2)]))
+NOISE = Noise(
+    np.array([SIGMA_ACROSS]), np.array([(SIGMA_END, 1 - USUAL.missing, USUAL.missing / 2, USUAL.missing / 2)])
+)
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ import matching
 import sgslam
 from data.common.build import PACKAGES
 from data.common.cli import Parser
-from data.generation.demo_building import write_demo_building
+from data.generation import write_demo_building
 from sgslam.config import Config
 from sgslam.config.documented import parameters_page
 

@@ -243,7 +243,7 @@ def _demo(options: RunOptions) -> RunOptions:
 
     Raises UserError for an unknown storey, for other scans, and if the folder contains a demo already.
     """
-    from data.generation.demo_building import DEMO_STOREYS, write_demo_building
+    from data.generation import DEMO_STOREYS, write_demo_building
     from data.simulation.simulate import simulate
 
     if options.scan_dir is not None or options.bim is not None:

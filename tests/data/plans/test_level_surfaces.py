@@ -10,7 +10,7 @@ from ifc_models import IfcModel, box
 
 from data import LevelSurface, SceneGraph, UserError
 from data.generation.buildings import generate_plan
-from data.generation.level_building import Levels, write_level_building, write_level_demo
+from data.generation.level_building import write_level_building, write_level_demo
 from data.geometry.level_faces import level_faces
 from data.geometry.raycast import TriangleScene
 from data.ifc.graph import read_ifc
@@ -130,21 +130,19 @@ def hits(path: Path, graph: SceneGraph) -> tuple[int, int]:
 def test_rays_in_a_generated_building_end_on_its_level_surfaces(
     kind: str, seed: int, high: bool, tmp_path: Path
 ) -> None:
-    write_level_building(generate_plan(kind, seed).graph, tmp_path / "b.ifc", seed, Levels(high=high))
+    write_level_building(generate_plan(kind, seed).graph, tmp_path / "b.ifc", seed, high)
     right, rays = hits(tmp_path / "b.ifc", read_ifc(tmp_path / "b.ifc")[0])
     assert rays > 600 and right >= 0.995 * rays
 
 
-def test_a_plan_that_is_not_as_built_differs_in_its_ceilings_only(tmp_path: Path) -> None:
-    def plan(levels: Levels) -> tuple[list[LevelSurface], list[float]]:
-        write_level_building(generate_plan("apartment", 1).graph, tmp_path / "plan.ifc", 1, levels)
-        graph = read_ifc(tmp_path / "plan.ifc")[0]
-        floors = [v.plane[3] for v in graph.level_surfaces if v.is_floor]
-        return [v for v in graph.level_surfaces if v.kind == "IfcCovering"], floors
+def test_a_flat_plan_has_level_floors_and_no_suspended_ceilings(tmp_path: Path) -> None:
+    def levels(flat: bool) -> tuple[set[str], set[float]]:
+        write_level_building(generate_plan("l_shape", 4).graph, tmp_path / "plan.ifc", 4, flat=flat)
+        found = read_ifc(tmp_path / "plan.ifc")[0].level_surfaces
+        return {v.kind for v in found}, {round(v.height(*v.polygon[0]), 3) + 0.0 for v in found if v.is_floor}
 
-    (built, floors), (higher, _) = plan(Levels()), plan(Levels(ceilings_off=0.03))
-    assert len(built) > 3 and [v.plane[3] for v in higher] == pytest.approx([v.plane[3] + 0.03 for v in built])
-    assert plan(Levels(missing=frozenset({"ceiling"}))) == ([], floors)
+    (kinds, floors), (flat_kinds, flat_floors) = levels(False), levels(True)
+    assert "IfcCovering" in kinds - flat_kinds and len(floors) > 1 and flat_floors == {0.0}
 
 
 @pytest.mark.slow

@@ -15,9 +15,8 @@ from data.geometry.raycast import TriangleScene
 from data.scans import ScanFolder
 from data.simulation import SimulatedRun, SpinningSensor
 from data.simulation.carriers import HANDHELD, WHEELED
-from data.simulation.effects import EFFECTS, checked, timing_of
-from data.simulation.effects.platforms import FROM_WALLS, RISE
-from data.simulation.effects.world import World
+from data.simulation.effects import EFFECTS, World, checked
+from data.simulation.furniture import FROM_WALLS, RISE
 from data.simulation.simulate import simulate
 from data.simulation.storey_model import load_storeys
 
@@ -64,7 +63,7 @@ def test_one_person_follows_and_others_are_met(building: SmallBuilding, tmp_path
 
 
 def test_the_sensor_rises_over_a_step(building: SmallBuilding, tmp_path: Path) -> None:
-    run = driven(building, tmp_path / "run", "steps", "snapshots", seconds=40.0, carrier=replace(WHEELED, height=0.9))
+    run = driven(building, tmp_path / "run", "steps", seconds=40.0, carrier=replace(WHEELED, height=0.9))
     places = building.from_bim(run.truth.positions)
     assert places[:, 2].min() < 0.95 + 0.05 and places[:, 2].max() > 0.9 + RISE - 0.06
     high = places[places[:, 2] > 0.9 + RISE - 0.06]
@@ -85,38 +84,29 @@ def test_all_together_is_that_of_its_seed(building: SmallBuilding, tmp_path: Pat
     assert first == again
     told = json.loads(first["run.json"])
     assert len(json.loads(first["tolerances.json"])) > 0
-    assert set(told["effects"]) == set(EFFECTS) - {"snapshots", "untimed"}
+    assert set(told["effects"]) == set(EFFECTS)
     assert (told["carrier"], told["rolling"], told["times_told"], told["scans"]) == ("handheld", True, True, 15)
 
 
-def test_times_are_written_or_not_and_stamps_may_be_of_another_instant(building: SmallBuilding, tmp_path: Path) -> None:
-    names = ("rolling", "untimed", "snapshots", "rolling middle", "rolling end")
-    way: dict[str, Any] = {"carrier": HANDHELD, "seconds": 1.0}
-    runs = {}
-    for name in names:
-        effect, _, stamped = name.partition(" ")
-        runs[name] = driven(building, tmp_path / name, effect, stamped=stamped or "start", **way)
+def test_times_are_written_where_the_sensor_moves_and_the_format_holds_them(
+    building: SmallBuilding, tmp_path: Path
+) -> None:
+    ways: dict[str, dict[str, Any]] = {
+        "moving": {"carrier": HANDHELD},
+        "without times": {"carrier": HANDHELD, "scan_format": "bin"},
+        "at rest": {"carrier": replace(HANDHELD, rolling=False)},
+    }
+    runs = {name: driven(building, tmp_path / name, seconds=1.0, **way) for name, way in ways.items()}
     scans = {name: list(ScanFolder(run.out_dir / "scans")) for name, run in runs.items()}
-    for name, share in (("untimed", 0.0), ("rolling middle", 0.5), ("rolling end", 1.0)):
-        before = share / SENSOR.rate
-        for scan, other in zip(scans["rolling"], scans[name], strict=True):
-            np.testing.assert_array_equal(other.points, scan.points)
-            assert other.stamp_ns - scan.stamp_ns == round(1e9 * before) and scan.point_times is not None
-            if name != "untimed":
-                np.testing.assert_allclose(other.point_times, scan.point_times - before, atol=1e-6)
-    assert all(scan.point_times is None for name in ("untimed", "snapshots") for scan in scans[name])
-    np.testing.assert_allclose(runs["snapshots"].truth.poses, runs["rolling"].truth.poses, atol=1e-12)
-    np.testing.assert_allclose(runs["rolling end"].truth.poses[:-1], runs["rolling"].truth.poses[1:], atol=1e-6)
-    with pytest.raises(UserError, match="a scan of one instant has no end to stamp"):
-        driven(building, tmp_path / "a", "snapshots", stamped="end", **way)
+    for scan, other in zip(scans["moving"], scans["without times"], strict=True):
+        np.testing.assert_array_equal(other.points, scan.points)
+        assert other.stamp_ns == scan.stamp_ns and scan.point_times is not None and other.point_times is None
+    assert all(scan.point_times is None for scan in scans["at rest"])
+    np.testing.assert_allclose(runs["at rest"].truth.poses, runs["moving"].truth.poses, atol=1e-12)
 
 
 def test_names_of_effects() -> None:
-    assert timing_of(checked([]), True) == "rolling" and timing_of(checked([]), False) == "snapshots"
-    assert timing_of(checked(["all", "untimed"]), True) == "untimed"
-    for names, message in (
-        (["rain"], "'rain' is not known; give some of"),
-        (["untimed", "rolling"], "rolling and untimed exclude each other"),
-    ):
-        with pytest.raises(UserError, match=message):
-            checked(names)
+    assert checked(["all"]) == set(EFFECTS) and checked(["glass"]) == {"glass"}
+    for gone in ("rain", "untimed", "snapshots"):
+        with pytest.raises(UserError, match=f"'{gone}' is not an effect; give some of"):
+            checked([gone])

@@ -166,7 +166,7 @@ def test_moved_walls_are_scanned_where_they_stand(building: SmallBuilding, tmp_p
 @pytest.mark.slow
 def test_the_command_line(building: SmallBuilding, tmp_path: Path) -> None:
     out, asked = tmp_path / "a" / "out", ["--bim", str(building.path), "--storey", "Ground", "--seed", "3"]
-    sizes = ["--min-rooms", "1", "--min-length", "2", "--speed", "0.5", "--format", "ply"]
+    sizes = ["--min-rooms", "1", "--min-length", "2", "--format", "ply"]
     command = [sys.executable, "-m", "data.simulate", *asked, *sizes, "--out", str(out)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

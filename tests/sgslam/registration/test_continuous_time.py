@@ -10,7 +10,7 @@ import pytest
 from boxes import Array
 from walks import SCAN_NS, bow, step_errors, through_the_door, two_rooms
 
-from data.generation.demo_building import DEMO_STOREY, write_demo_building
+from data.generation import DEMO_STOREY, write_demo_building
 from data.scans import Scan, ScanFolder
 from data.simulation import SpinningSensor
 from data.simulation.carriers import HANDHELD, Carrier

@@ -17,7 +17,7 @@ from report_samples import verdict
 from small_ifc import write_small_ifc
 
 from data import Door, Floor, Room, SceneGraph
-from data.generation.demo_building import write_demo_building
+from data.generation import write_demo_building
 from data.ifc.deviations import write_as_built
 from data.plans import load_bim
 from data.plans.elements import other_bodies, planned_elements

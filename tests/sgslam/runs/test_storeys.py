@@ -8,7 +8,7 @@ import pytest
 from drives import off
 
 from data import SceneGraph
-from data.generation.demo_building import DEMO_STOREYS, write_demo_building
+from data.generation import DEMO_STOREYS, write_demo_building
 from data.plans import Bim, load_bim
 from data.scans import ScanFolder
 from data.simulation import Robot, SimulatedRun, SpinningSensor

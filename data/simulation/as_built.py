@@ -22,18 +22,25 @@ Array = NDArray[np.float64]
 BEFORE = 0.1  # m in front of a wall, where a ray begins
 
 
-def as_built(model: ifcopenshell.file, planned: list[IfcProduct], changes: tuple[Change, ...]) -> list[IfcProduct]:
-    """Returns the products after the changes; fillings of a wall's openings move with it, and an opening with the door
-    or window that fills it. Gaps at a moved wall's ends stay; walls keep the openings that they have in `planned`.
+def as_built(model: ifcopenshell.file, planned: list[IfcProduct], *changes: tuple[Change, ...]) -> list[IfcProduct]:
+    """Returns the products after some changes, and others after these; fillings of a wall's openings move with it, and
+    an opening with the door or window that fills it. Gaps at a moved wall's ends stay; walls keep the openings that
+    they have in `planned`.
     """
-    change_of = {}
-    for change in (change for change in changes if change.kind != "unplanned"):
-        change_of.update(dict.fromkeys([change.id, *_follow(model.by_guid(change.id))], change))
-    return [
-        _shifted(product, change_of[product.global_id]) if product.global_id in change_of else product
-        for product in planned
-        if product.global_id not in change_of or change_of[product.global_id].kind not in ("absent", "filled")
-    ]
+    for some in changes:
+        change_of = {}
+        for change in (change for change in some if change.kind != "unplanned"):
+            change_of.update(dict.fromkeys([change.id, *_follow(model.by_guid(change.id))], change))
+        built = []
+        for product in planned:
+            own = change_of.get(product.global_id)
+            if own is None:
+                built.append(product)
+            elif own.kind not in ("absent", "filled"):
+                offset = np.array([*own.offset_in_bim, 0.0])
+                built.append(replace(product, vertices=product.vertices + offset))
+        planned = built
+    return planned
 
 
 def write_plan_without(ifc: Path | str, walls: Collection[str], path: Path | str) -> None:
@@ -57,10 +64,6 @@ def fillings(wall: ifcopenshell.entity_instance) -> Iterator[str]:
             yield fills.RelatedBuildingElement.GlobalId
 
 
-def _shifted(product: IfcProduct, change: Change) -> IfcProduct:
-    return replace(product, vertices=product.vertices + np.array([*change.offset_in_bim, 0.0]))
-
-
 def _follow(changed: ifcopenshell.entity_instance) -> Iterator[str]:
     """GlobalIds of what moves or is left out with a wall, door, window or column."""
     if changed.is_a("IfcWall"):
@@ -68,8 +71,7 @@ def _follow(changed: ifcopenshell.entity_instance) -> Iterator[str]:
         return
     for part in get_decomposition(changed):
         yield part.GlobalId
-    for fills in changed.FillsVoids:
-        yield fills.RelatingOpeningElement.GlobalId
+    yield from _openings(changed)
 
 
 def recut(
@@ -80,43 +82,33 @@ def recut(
 
     Raises UserError where a wall's surface cannot be made so.
     """
-    opening_of = _openings(model, changes)
-    if not opening_of:
-        return planned
-    edited = ifcopenshell.file.from_string(model.to_string())
-    hosts: dict[str, list[Change]] = {}
-    for change, opening in opening_of.items():
-        hosts.setdefault(_edited(edited, opening, change), []).append(change)
-    volume_of = {volume.global_id: volume for volume in volumes}
+    edited, volume_of = None, {volume.global_id: volume for volume in volumes}
+    changed: dict[str, list[tuple[IfcProduct, Change]]] = {}  # the openings of walls, by their GlobalIds
+    for change in changes:
+        for opening in _openings(model.by_guid(change.id)) if change.kind in ("displaced", "filled") else ():
+            edited = edited or ifcopenshell.file.from_string(model.to_string())
+            voids = edited.by_guid(opening).VoidsElements[0]
+            changed.setdefault(voids.RelatingBuildingElement.GlobalId, []).append((volume_of[opening], change))
+            if change.kind == "filled":
+                edited.remove(voids)
+            else:
+                _move(edited, edited.by_guid(opening), change.offset_in_bim)
     products = []
     for product in planned:
-        if product.global_id in hosts:
-            own = [(volume_of[opening_of[change]], change) for change in hosts[product.global_id]]
-            product = _closed(_triangulated(edited, product), product, own)
+        if edited is not None and product.global_id in changed:
+            mesh = triangulated(edited.by_guid(product.global_id))
+            if mesh is None:
+                raise UserError(f"wall {product.global_id} cannot be cut with its changed openings; give another seed")
+            cut = replace(product, vertices=mesh[0], faces=mesh[1])
+            product = _closed(cut, product, changed[product.global_id])
         products.append(product)
     return products
 
 
-def _openings(model: ifcopenshell.file, changes: tuple[Change, ...]) -> dict[Change, str]:
-    """The changes of doors and windows, and the GlobalIds of their openings."""
-    found = {}
-    for change in changes:
-        if change.kind in ("displaced", "filled"):
-            for fills in model.by_guid(change.id).FillsVoids:  # a column has none
-                found[change] = fills.RelatingOpeningElement.GlobalId
-    return found
-
-
-def _edited(model: ifcopenshell.file, opening: str, change: Change) -> str:
-    """Moves the opening, or removes it from its wall; returns the wall's GlobalId."""
-    entity = model.by_guid(opening)
-    voids = entity.VoidsElements[0]
-    host = str(voids.RelatingBuildingElement.GlobalId)
-    if change.kind == "filled":
-        model.remove(voids)
-    else:
-        _move(model, entity, change.offset_in_bim)
-    return host
+def _openings(filling: ifcopenshell.entity_instance) -> Iterator[str]:
+    """GlobalIds of the opening that a door or window fills; a column has none."""
+    for fills in filling.FillsVoids:
+        yield fills.RelatingOpeningElement.GlobalId
 
 
 def _move(model: ifcopenshell.file, product: ifcopenshell.entity_instance, offset_in_bim: tuple[float, float]) -> None:
@@ -128,13 +120,6 @@ def _move(model: ifcopenshell.file, product: ifcopenshell.entity_instance, offse
     place = np.array(axes.Location.Coordinates) + shift
     axes.Location = model.create_entity("IfcCartesianPoint", place.tolist())
     product.ObjectPlacement = model.create_entity("IfcLocalPlacement", old.PlacementRelTo, axes)
-
-
-def _triangulated(model: ifcopenshell.file, wall: IfcProduct) -> IfcProduct:
-    mesh = triangulated(model.by_guid(wall.global_id))
-    if mesh is None:
-        raise UserError(f"wall {wall.global_id} cannot be cut with its changed openings; give another seed")
-    return replace(wall, vertices=mesh[0], faces=mesh[1])
 
 
 def _closed(wall: IfcProduct, planned: IfcProduct, changed: list[tuple[IfcProduct, Change]]) -> IfcProduct:

@@ -1,112 +1,17 @@
-"""Layouts of generated storeys: apartments, and wings of rooms along corridors. Metres, in the building's own frame."""
+"""Wings of rooms along corridors, and two corridors around a core. Metres, in the building's own frame."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import shapely
 from shapely import box
 
-from data.generation.cells import apartment_program, carved, joined_cells, row, treemap, without_spans
 from data.generation.storey import Cell
-from data.geometry.areas import largest, overlap
+from data.geometry.areas import largest, overlap, united
+from data.geometry.intervals import without
 
 Rng = np.random.Generator
 LONGEST = 50.0  # m: longer buildings have another wing
-
-
-def apartment(rng: Rng, rooms: int, tilt: float = 0.0) -> list[Cell]:
-    """4 to 12 rooms: along a corridor, around a hall, or one behind another; some L-shaped. The best of a few tries."""
-    tries = [_apartment(rng, rooms, tilt) for _ in range(8 if tilt else 16)]
-    cells = min(tries, key=_worst)
-    return cells if tilt else carved(rng, cells, 0.3)
-
-
-def _worst(cells: Sequence[Cell]) -> float:
-    """What the least usable room lacks: too narrow for its kind, or too long for its width."""
-    worst = 0.0
-    for cell in cells:
-        x0, y0, x1, y1 = cell.area.bounds
-        long = max(x1 - x0, y1 - y0)
-        narrow = cell.area.area / long
-        if cell.kind != "corridor":
-            least = 1.15 if cell.area.area < 3.0 else 1.5 if cell.area.area < 8.0 else 2.4
-            worst = max(worst, least / narrow, long / narrow / 2.2)
-    return max(worst, 1.0)
-
-
-def _apartment(rng: Rng, rooms: int, tilt: float) -> list[Cell]:
-    program = apartment_program(rng, rooms)
-    total = sum(area for _, area in program)
-    width = float(np.sqrt(total * rng.uniform(1.0, 2.2)))
-    depth = total / width
-    style = rng.random()
-    if tilt or style < 0.3:
-        return _with_hall(treemap(rng, _outline(rng, width, depth, tilt), program, tilt))
-    if style < 0.75 or rooms < 6:
-        return _along_corridor(rng, program, width, depth)
-    return _l_shaped(rng, program, width, depth)
-
-
-def _outline(rng: Rng, width: float, depth: float, tilt: float) -> shapely.Polygon:
-    slant = rng.uniform(-tilt, tilt, 4) * np.array([depth, depth, width, width]) / 2
-    return shapely.Polygon([(slant[0], slant[2]), (width + slant[1], 0), (width, depth + slant[3]), (0, depth)])
-
-
-def _with_hall(cells: list[Cell]) -> list[Cell]:
-    """Makes the room with most neighbours the hall."""
-    areas = np.array([c.area for c in cells], dtype=object)
-    hall = int(np.argmax([int((shapely.distance(areas, a) < 1e-3).sum()) for a in areas]))
-    return [Cell(c.area, "hall" if k == hall else c.kind) for k, c in enumerate(cells)]
-
-
-def _along_corridor(rng: Rng, program: list[tuple[str, float]], width: float, depth: float) -> list[Cell]:
-    """Rooms on both sides of a corridor, and the living room at its end in half of the cases."""
-    hall = float(rng.uniform(1.25, 1.9))
-    rest, cells, length = program, [], width
-    if len(program) > 4 and rng.random() < 0.5:
-        rest, length = program[1:], width - program[0][1] / depth
-        cells.append(Cell(box(length, 0, width, depth + hall), "living"))
-    order = [rest[k] for k in rng.permutation(len(rest))]
-    cut = min(max(1, len(order) // 2 + int(rng.integers(-1, 2))), len(order) - 1)
-    sides = order[:cut], order[cut:]
-    totals = [sum(a for _, a in side) for side in sides]
-    low = depth * min(max(totals[0] / sum(totals), 0.3), 0.7)
-    for side, y0, y1 in zip(sides, (0.0, low + hall), (low, depth + hall), strict=True):
-        cells += _strip(rng, side, length, y0, y1)
-    return [*cells, Cell(box(0, low, length, low + hall), "corridor")]
-
-
-def _strip(rng: Rng, program: Sequence[tuple[str, float]], length: float, y0: float, y1: float) -> list[Cell]:
-    """Rooms side by side in proportion to their areas; neighbours too narrow for that lie one behind the other."""
-    groups: list[list[tuple[str, float]]] = []
-    scale = length / sum(a for _, a in program)
-    for item in program:
-        if groups and sum(a for _, a in groups[-1]) * scale < 1.9:
-            groups[-1].append(item)
-        else:
-            groups.append([item])
-    if len(groups) > 1 and sum(a for _, a in groups[-1]) * scale < 1.9:
-        last = groups.pop()
-        groups[-1] += last
-    x, cells = 0.0, []
-    for group in groups:
-        wide = sum(a for _, a in group) * scale
-        cells += treemap(rng, box(x, y0, x + wide, y1), group)
-        x += wide
-    return cells
-
-
-def _l_shaped(rng: Rng, program: list[tuple[str, float]], width: float, depth: float) -> list[Cell]:
-    """An L of two parts with a hall at its inner corner."""
-    cut = int(rng.integers(3, max(4, len(program) - 2)))
-    first, second = program[:cut], program[cut:]
-    low = _along_corridor(rng, first, width, sum(a for _, a in first) / width)
-    top = max(c.area.bounds[3] for c in low)
-    wide = width * float(rng.uniform(0.4, 0.65))
-    high = sum(a for _, a in second) / wide
-    left = 0.0 if rng.random() < 0.5 else width - wide
-    return [*low, *_with_hall(treemap(rng, box(left, top, left + wide, top + high), second))]
 
 
 @dataclass(frozen=True)
@@ -130,7 +35,7 @@ class Wings:
     branches: tuple[Branch, ...] = ()
     split: bool = False  # doors divide the corridors where wings meet
     ends: bool = False  # a room closes each end of the main corridor
-    halls: tuple[tuple[float, float], ...] = field(default=())  # x from and to of open-plan rooms above
+    halls: tuple[tuple[float, float], ...] = ()  # x from and to of open-plan rooms above
 
 
 def wings_drawn(rng: Rng, rooms: int, branches: int) -> Wings:
@@ -179,7 +84,7 @@ def wing_cells(rng: Rng, wings: Wings) -> list[Cell]:
             cells += _main_row(rng, wings, up, depth)
     if wings.split:
         return cells + [Cell(c, "corridor") for c in corridors]
-    return [*cells, joined_cells(corridors, "corridor")]
+    return [*cells, Cell(largest(united(corridors)), "corridor")]
 
 
 def _main_row(rng: Rng, wings: Wings, up: bool, depth: float) -> list[Cell]:
@@ -188,8 +93,9 @@ def _main_row(rng: Rng, wings: Wings, up: bool, depth: float) -> list[Cell]:
     crossed = [(b.x - half, b.x + half) for b in wings.branches if b.upwards == up]
     halls = [h for h in wings.halls if up and all(h[1] < a or b < h[0] for a, b in crossed)]
     cells += [Cell(box(low, y0, high, y1), "open plan") for low, high in halls]
-    for span in without_spans((0.0, wings.length), [*crossed, *halls], 0.05):
-        cells += row(rng, span, y0, y1, wings.module, wings.variety, y0 if up else y1)
+    for low, high in without([(0.0, wings.length)], [*crossed, *halls]):
+        if high - low >= 0.05:
+            cells += row(rng, (low, high), y0, y1, wings.module, wings.variety, y0 if up else y1)
     return cells
 
 
@@ -224,3 +130,27 @@ def racetrack(rng: Rng, rooms: int) -> list[Cell]:
     ring = shapely.difference(box(0, y[1], length, y[4]), box(corridor, y[2], length - corridor, y[3]))
     halves = (box(0, y[1], middle, y[4]), box(middle, y[1], length, y[4]))
     return cells + [Cell(largest(overlap(ring, part)), "corridor") for part in halves]
+
+
+def row(
+    rng: Rng, span: tuple[float, float], y0: float, y1: float, module: float, variety: float, inner_y: float
+) -> list[Cell]:
+    """Rooms side by side within x of `span` and y0, y1: as many equal modules as fit.
+
+    With probability `variety` a room takes two modules, or is divided in depth, its door side at `inner_y`.
+    """
+    count = max(1, round((span[1] - span[0]) / module))
+    xs = np.linspace(*span, count + 1)
+    cells, k = [], 0
+    while k < count:
+        wide = 1 + int(rng.random() < variety) + int(rng.random() < variety / 3)
+        left, right = float(xs[k]), float(xs[min(k + wide, count)])
+        k += wide
+        if rng.random() < variety / 3 and y1 - y0 > 3.5:
+            share = float(rng.uniform(0.35, 0.65))
+            y = y0 + share * (y1 - y0)
+            kinds = ("wc", "storage") if inner_y == y0 else ("storage", "wc")
+            cells += [Cell(box(left, y0, right, y), kinds[0]), Cell(box(left, y, right, y1), kinds[1])]
+        else:
+            cells.append(Cell(box(left, y0, right, y1), "office"))
+    return cells
