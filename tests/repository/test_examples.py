@@ -43,7 +43,7 @@ def test_a_graph_of_s_graphs_is_matched_and_anchored(tmp_path: Path) -> None:
     unset = "EDGE_SE3_PLANE 100 200 1 0 0 3.3e-312 10 0 0 10 0 10"
     graph, plan = replace(drawn, lines=[*drawn.lines, unset]).write(tmp_path)
     done = run("anchor_s_graphs.py", graph, plan)
-    assert "left out, line" in done.stderr
+    assert "left out, EDGE_SE3_PLANE of 100 and 200" in done.stderr
     rows = [line.split() for line in done.stdout.splitlines()]
     assert {int(row[0]) for row in rows} == set(drawn.keyframes)
     for number, *numbers in rows:
