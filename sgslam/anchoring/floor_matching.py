@@ -111,7 +111,7 @@ class FloorMatching:
         if posterior.mirrored > max(1 - self._settings.commit, posterior.outside):
             return MIRRORED_REASON
         favoured = match.hypotheses[0].floor
-        likeliest = posterior.places[0].floor
+        _, likeliest = posterior.two_best[0]
         if self._is_stated and likeliest is not None and likeliest not in self._storeys and match.status != "none":
             names = {floor.id: floor.name for floor in self._plan.a_graph.floors}
             return STOREY_REASON.format(names.get(likeliest) or likeliest)

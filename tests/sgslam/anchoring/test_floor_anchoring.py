@@ -11,6 +11,7 @@ from anchored_maps import Anchored, ground
 from data import SceneGraph
 from data.scene_graph.graph import moved
 from matching import Matcher, MatchResult
+from matching.result import Status
 from sgslam.anchoring.floor_matching import FloorMatching
 from sgslam.anchoring.plan import Plan
 from sgslam.config import AnchorSettings
@@ -168,6 +169,22 @@ def test_a_plan_that_lacks_rooms_needs_more_evidence() -> None:
         matching.ask(floor.scene, last=True)
         found.append(matching.posterior.places[0].probability)
     assert 0.5 < found[1] < found[0] < 1.0
+
+
+@pytest.mark.parametrize("status", ["ambiguous", "none", "unique"])
+def test_a_matcher_without_probabilities_may_be_unsure_of_a_stated_storey(status: Status) -> None:
+    """Its hypotheses are no places; of a unique answer on another storey, the storey is what is wrong."""
+
+    def unsure(match: MatchResult, _: SceneGraph, __: SceneGraph) -> MatchResult:
+        listed = tuple(replace(own, probability=None, floor="elsewhere") for own in match.hypotheses)
+        return replace(match, status=status, reason="as it is", hypotheses=listed, floor="elsewhere")
+
+    (floor,) = Anchored().floors.maps
+    assert floor.scene is not None
+    matching = FloorMatching(Plan(ground()), Changed([unsure]), AnchorSettings())
+    matching.restrict_storeys(["eg"], is_stated=True)
+    matching.ask(floor.scene, last=True)
+    assert not matching.is_sure and ("check --storey" in matching.reason) is (status == "unique")
 
 
 def test_an_answer_elsewhere_replaces_the_committed_one() -> None:
