@@ -15,7 +15,7 @@ from gtsam.symbol_shorthand import F, P, V, X
 from numpy.typing import NDArray
 
 from sgslam.backend.covariances import Uncertainty
-from sgslam.backend.graph_builder import GraphBuilder, offset_priors, point_factors
+from sgslam.backend.graph_builder import GraphBuilder, offset_priors, point_factors, redescending
 from sgslam.backend.held_factors import KINDS, HeldFactors, Key, Kind, graph_of
 from sgslam.backend.variables import BIM, GraphInputs, start_values
 from sgslam.config import Config
@@ -27,6 +27,7 @@ Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 # of the place on which the walls agree: rad and m, of heading and in plan view; tilt and height are free
 _PLACE = np.array([1.0, 1.0, 0.002, 0.02, 0.02, 1.0])
+_REWEIGHTED = 3  # optimisations with points; a fourth moves nothing by a millimetre
 _BELIEVABLE = 1e4  # largest error for each factor at an optimum: a hundred sigma
 
 
@@ -169,19 +170,30 @@ class Backend:
         walls = sorted({int(faces.wall[face]) for face in seen.face.tolist()})
         for wall in walls:
             start.insert(V(wall), np.zeros(1))
-        for factor in (*point_factors(faces, seen, start, settings), *offset_priors(walls, settings.sigma_offset)):
-            known.add(factor)
         # the walls themselves make the map more rigid, and their directions upright
-        graph = graph_of(self.held, lambda kind, key: kind in ("wall", "room"))
-        graph.push_back(known)
+        rigid = graph_of(self.held, lambda kind, key: kind in ("wall", "room"))
         for factor in self._builder.directions(inputs):
-            graph.add(factor)
+            rigid.add(factor)
         # where most walls are moved the place that the walls agree on holds
-        graph.add(gtsam.PriorFactorPose3(BIM, start.atPose3(BIM), gtsam.noiseModel.Diagonal.Sigmas(_PLACE)))
-        if failure := self._solve(20, graph, start):
-            _log.warning("the adjustment of %d keyframes failed: %s", len(self.keyframes), failure)
-        elif self._optimum is not None:
-            self._optimum = known, *self._optimum[1:]
+        rigid.add(gtsam.PriorFactorPose3(BIM, start.atPose3(BIM), gtsam.noiseModel.Diagonal.Sigmas(_PLACE)))
+        values, weights, offsets = start, np.ones(len(seen.face)), np.zeros(len(walls))
+        # the first optimum is the only one of its graph; from it, what lies far off counts less
+        for _ in range(_REWEIGHTED):
+            points = list(point_factors(faces, seen, start, settings, weights))
+            told = gtsam.NonlinearFactorGraph()
+            for factor in (*points, *offset_priors(walls, settings.sigma_offset, offsets)):
+                told.add(factor)
+            told.push_back(known)
+            graph = gtsam.NonlinearFactorGraph(told)
+            graph.push_back(rigid)
+            if failure := self._solve(20, graph, values):
+                _log.warning("the adjustment of %d keyframes failed: %s", len(self.keyframes), failure)
+                return
+            assert self._optimum is not None
+            values = self._optimum[1]
+            self._optimum = told, *self._optimum[1:]
+            offsets = np.array([values.atVector(V(wall))[0] for wall in walls])
+            weights = redescending(np.sqrt(2 * np.array([factor.error(values) for factor in points]) / weights))
 
     def _start(self, graph: gtsam.NonlinearFactorGraph) -> gtsam.Values:
         return start_values(graph, self._inputs, self.keyframes, self.planes_in_map, self.levels_in_map)

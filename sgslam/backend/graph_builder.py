@@ -229,11 +229,12 @@ def _fixed(key: int, pose: Floats) -> gtsam.NonlinearFactor:
 
 
 def point_factors(
-    faces: Faces, seen: WallPoints, values: gtsam.Values, settings: AnchorSettings
+    faces: Faces, seen: WallPoints, values: gtsam.Values, settings: AnchorSettings, weights: Floats
 ) -> Iterator[gtsam.NonlinearFactor]:
     """A linear factor for each mean of points: n . p + d = the wall's offset V(wall), where p follows the keyframe's
-    pose T_map_sensor and T_map_local, both at their `values`. Points of a face in one keyframe share an error."""
-    sigma = np.hypot(SENSOR.range_noise / np.sqrt(seen.count), settings.sigma_extraction)
+    pose T_map_sensor and T_map_local, both at their `values`. Points of a face in one keyframe share an error;
+    the `weights` (N,) of their means divide its variance."""
+    sigma = np.hypot(SENSOR.range_noise / np.sqrt(seen.count), settings.sigma_extraction) / np.sqrt(weights)
     for i, (face, keyframe) in enumerate(zip(seen.face.tolist(), seen.keyframe.tolist(), strict=True)):
         T_sensor_bim = values.atPose3(X(keyframe)).inverse().compose(values.atPose3(BIM)).matrix()
         # at the sensor's height: walls are not so plumb that the mean of some points would show the sensor's tilt
@@ -247,14 +248,23 @@ def point_factors(
         yield gtsam.LinearContainerFactor(gtsam.JacobianFactor(*keys, -seen.offset[i : i + 1], noise), values)
 
 
-def offset_priors(walls: list[int], sigma_built: float) -> Iterator[gtsam.NonlinearFactor]:
+def redescending(residual: Floats) -> Floats:
+    """The weights (N,) of means of points by their whitened residuals (Geman and McClure 1985): some are of a thing in
+    front of the wall, or of a glimpse through a door."""
+    return np.asarray(1.0 / (1.0 + (residual / _OUTLIER) ** 2) ** 2)
+
+
+def offset_priors(walls: list[int], sigma_built: float, offsets: Floats) -> Iterator[gtsam.NonlinearFactor]:
     """The Laplace priors of the offsets of walls, with a standard deviation (m): a Huber loss with a short square.
 
     Most walls stand as planned, some far from it. The optimum is the least sum of absolute values: a moved wall then
-    pulls no more than one that is off by millimetres, and, unlike with redescending losses, there is one optimum.
+    pulls no more than one that is off by millimetres, and, unlike with redescending losses, there is one optimum. Where
+    as many walls are moved as are not, it is wide; so the farther a wall was found off, by `offsets` (m), the less it
+    pulls (reweighted l1, Candes, Wakin and Boyd 2008, equation 9).
     """
     sigma = float(np.sqrt(_SMOOTH * sigma_built / np.sqrt(2.0)))
-    loss = gtsam.noiseModel.mEstimator.Huber.Create(_SMOOTH / sigma)
-    noise = gtsam.noiseModel.Robust.Create(loss, gtsam.noiseModel.Isotropic.Sigma(1, sigma))
-    for wall in walls:
+    for wall, offset in zip(walls, offsets.tolist(), strict=True):
+        own = sigma * float(np.sqrt(1.0 + abs(offset) / sigma_built))
+        loss = gtsam.noiseModel.mEstimator.Huber.Create(_SMOOTH / own)
+        noise = gtsam.noiseModel.Robust.Create(loss, gtsam.noiseModel.Isotropic.Sigma(1, own))
         yield gtsam.PriorFactorVector(V(wall), np.zeros(1), noise)

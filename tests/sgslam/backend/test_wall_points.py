@@ -47,14 +47,17 @@ def seen(built: SceneGraph, x: float, rng: np.random.Generator) -> Array:
     return np.concatenate(points)
 
 
-def refined(built: SceneGraph, seed: int, error: list[float], sigma: float = 0.002) -> tuple[Array, Array, Array]:
+def refined(
+    built: SceneGraph, seed: int, error: list[float], glimpses: SceneGraph | None = None
+) -> tuple[Array, Array, Array]:
     """(K, 3) of the keyframes along the rooms, in x, y and heading: what is found of their `error` (3,) and a walk of
-    `sigma` (m) a step, what is left of it, and the standard deviations."""
-    rng, x = np.random.default_rng(seed), np.arange(0.5, SIZE * ROOMS, 1.0)
+    2 mm a step, what is left of it, and the standard deviations. One keyframe in a room sees `glimpses` instead."""
+    rng, x, sigma = np.random.default_rng(seed), np.arange(0.5, SIZE * ROOMS, 1.0), 0.002
     walk = np.cumsum(rng.normal(0.0, 1.0, (len(x), 3)) * [sigma, sigma, sigma / 5], axis=0)
     truth = np.stack([pose(at, DEPTH / 2, SENSOR) for at in x])
     odd = np.stack([pose(at + e[0], DEPTH / 2 + e[1], SENSOR, e[2]) for at, e in zip(x, error + walk, strict=True)])
-    clouds = [seen(built, at, rng).astype(np.float32) for at in x]
+    views = [glimpses if glimpses is not None and k % SIZE == 0 else built for k in range(len(x))]
+    clouds = [seen(view, at, rng).astype(np.float32) for view, at in zip(views, x, strict=True)]
     backend, T_map = Backend(Config()), inverse(odd[0])  # the map begins at the first keyframe
     for k, T in enumerate(odd):
         backend.add_keyframe(KeyframeNode(k, k, T_map @ T, T_map @ T))
@@ -89,6 +92,20 @@ def test_the_error_of_a_whole_map_is_found_and_moved_walls_do_not_pull_it(seed: 
     # a third of the walls of each direction, to one side: their mean would be 5 mm off
     _, left, _ = refined(flat(ODD), seed, [0.0, 0.0, 0.0])
     assert np.abs(left[:, :2].mean(axis=0)).max() < 0.0035
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_where_as_many_walls_are_moved_as_not_the_nearer_ones_hold(seed: int) -> None:
+    moved = flat({f"south{k}": 0.13 for k in range(ROOMS)})
+    _, left, _ = refined(moved, seed, [0.0, 0.02, 0.0])
+    assert abs(float(left[:, 1].mean())) < 0.006  # measured 0.001; 0.02 to 0.03 with equal pulls
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_thing_before_a_wall_in_a_few_views_does_not_bend_the_map(seed: int) -> None:
+    before = flat({f"south{k}": 0.04 for k in range(ROOMS)})
+    _, left, _ = refined(flat({}), seed, [0.0, 0.0, 0.0], before)
+    assert rms(left) < 0.004  # measured 0.002 at most, as without; 0.005 to 0.006 with equal weights
 
 
 def test_what_is_no_wall_tells_nothing() -> None:
