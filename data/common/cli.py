@@ -1,6 +1,7 @@
 """Common to all commands: a user's mistake gives one line on standard error and exit code 2; the log."""
 
 import argparse
+import difflib
 import logging
 import re
 import sys
@@ -36,7 +37,10 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Raises UserError, in one line without the usage."""
-        raise UserError(f"{message}; see '{self.prog} --help'")
+        unknown = re.match(r"unrecognized arguments: (--[^ =]+)", message)
+        near = difflib.get_close_matches(unknown[1], self._option_string_actions, 1) if unknown else []
+        hint = "".join(f"; did you mean {own}?" for own in near)
+        raise UserError(f"{message}{hint}; see '{self.prog} --help'")
 
 
 def add_workers(parser: argparse.ArgumentParser, local: str, help_local: str) -> None:

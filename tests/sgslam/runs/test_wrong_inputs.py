@@ -107,6 +107,7 @@ ANCHOR, LIVE, VIEW = "sgslam.other_slam.anchor", "sgslam.live", "sgslam.cli.view
         (f"{RUN} --start 1,2,-6.28", "--bim"),
         (f"{RUN} --ground-truth late.tum", "late.tum"),
         (f"{RUN} --frobnicate", "--frobnicate"),
+        ("sgslam.run --scan-dirs scans", "--scan-dirs|did you mean --scan-dir?"),
         ("sgslam.run --demo --storey attic", "attic|there are: Ground floor"),
         (f"{RUN} --demo", "leave out --scan-dir"),
         ("sgslam.run --resume nothing", "no run state"),
