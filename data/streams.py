@@ -1,21 +1,17 @@
-"""Scans as they come: a folder that a recorder fills while we read it, and an MCAP file that comes through a pipe."""
+"""Scans as they come: a folder that a recorder fills while we read it."""
 
 import os
 import threading
 import time
-from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import BinaryIO
 
-from data.bags import Record, mcap_records
-from data.common.errors import UnreadableScanError, UserError, reason
+from data.common.errors import UnreadableScanError, UserError
 from data.common.files import natural_key
 from data.scans import Scan
-from data.scans.bags import CLOUDS, is_lidar, read_cloud
 from data.scans.formats import is_scan, read_timed
 from data.scans.point_times import Stamped, StampRule, TurnTimes
 from data.scans.scan import SkippedScan, finished
@@ -34,27 +30,33 @@ class Arrival:
     came_s: float
 
 
-class ScanStream(ABC):
-    """Scans in the order in which they come; iterating waits for the next one until the source ends or `stop` is set.
+class GrowingFolder:
+    """Takes each scan file once it is complete: it has not changed for a second, or for a tenth of one where the next
+    file is there.
 
-    `skipped` lists the scans that could not be used, so far; `remarks` are lines on the data for the user; `stamped` is
-    the instant of a scan that its stamp names.
+    Scans are taken in the natural order of their names; one that comes after a later one is skipped. Names that begin
+    with a dot are left alone. `skipped` lists the scans that could not be used, so far; `remarks` are lines on the data
+    for the user; `stamped` is the instant of a scan that its stamp names.
     """
 
     stamped: Stamped = "start"
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path | str) -> None:
+        """Raises UserError if there is no such folder."""
+        self._path = Path(path)
+        if not self._path.is_dir():
+            what = "is a file" if self._path.exists() else "does not exist"
+            raise UserError(f"{path}: {what}; give the folder into which scans are written")
         self.stop = threading.Event()
         self.skipped: list[SkippedScan] = []
         self.remarks: list[str] = []
-
-    @abstractmethod
-    def _arrivals(self) -> Iterator[Arrival]:
-        """All scans that can be read; the others go to `_skip`."""
+        self._stamps = GrowingStamps(self._path)
+        self._known = set[str]()  # names of files that were taken or skipped
+        self._last: Path | None = None
+        self._index = 0
 
     def __iter__(self) -> Iterator[Arrival]:
-        """Yields the scans whose stamps increase.
+        """Yields the scans whose stamps increase; waits for the next one until `stop` is set.
 
         After a pause of more than ten seconds, a scan waits for the next one: if its stamp was wrong, only it is lost.
         """
@@ -76,78 +78,10 @@ class ScanStream(ABC):
                 yield replace(arrival, scan=replace(scan, point_times=times))
         self.remarks.extend(remark for remark in (rule.remark(), turns.remark) if remark)
 
-    def _skip(self, index: int, path: Path, reason: str) -> None:
-        name = path.name if path != self.path else f"scan {index}"
-        self.skipped.append(SkippedScan(index, path, reason, name))
-
-
-class McapPipe(ScanStream):
-    """The scans of one topic: of `topic`, else of the first one whose points are a LiDAR's by their fields.
-
-    A writer that collects records in chunks delays the scans by as much.
-    """
-
-    def __init__(self, file: BinaryIO, topic: str | None = None, name: str = "standard input") -> None:
-        super().__init__(Path(name))
-        self._file, self._topic, self._damage = file, topic, ""
-
-    def _arrivals(self) -> Iterator[Arrival]:
-        """Raises UserError if the pipe ends without a scan."""
-        count, others = 0, set[str]()
-        for record in self._records():
-            came_s = time.perf_counter()
-            if self.stop.is_set():
-                return
-            is_meant = is_lidar(record) if self._topic is None else record.topic == self._topic
-            if record.msgtype not in CLOUDS or not is_meant:
-                others.add(record.topic)
-                continue
-            self._topic, count = record.topic, count + 1
-            try:
-                cloud = read_cloud(record.data, record.msgtype, record.is_cdr)
-                stamp_ns = cloud.stamp_ns or record.log_ns
-                scan = finished(count - 1, stamp_ns, cloud.points, cloud.times, self.path, stamped=self.stamped)
-            except UnreadableScanError as error:
-                self._skip(count - 1, self.path, str(error))
-                continue
-            yield Arrival(scan, came_s)
-        if self._damage:
-            self.remarks.append(f"{self.path}: {self._damage}")
-        if not count:
-            held = f"; it holds {', '.join(sorted(others))}" if others else ""
-            why = f" ({self._damage})" if self._damage else ""
-            raise UserError(f"{self.path}: no scans arrived{why}{held}; give MCAP records of point clouds")
-
-    def _records(self) -> Iterator[Record]:
-        try:
-            yield from mcap_records(self._file)
-        except Exception as error:  # mcap raises many kinds on garbage
-            self._damage = f"it was cut off or is damaged ({reason(error)})"
-
-
-class GrowingFolder(ScanStream):
-    """Takes each scan file once it is complete: it has not changed for a second, or for a tenth of one where the next
-    file is there.
-
-    Scans are taken in the natural order of their names; one that comes after a later one is skipped. Names that begin
-    with a dot are left alone.
-    """
-
-    def __init__(self, path: Path | str) -> None:
-        """Raises UserError if there is no such folder."""
-        super().__init__(Path(path))
-        if not self.path.is_dir():
-            what = "is a file" if self.path.exists() else "does not exist"
-            raise UserError(f"{self.path}: {what}; give the folder into which scans are written")
-        self._stamps = GrowingStamps(self.path)
-        self._known = set[str]()  # names of files that were taken or skipped
-        self._last: Path | None = None
-        self._index = 0
-
     def _arrivals(self) -> Iterator[Arrival]:
         while not self.stop.wait(_WAIT):
-            new = set(os.listdir(self.path)) - self._known
-            files = sorted(filter(is_scan, (self.path / name for name in new)), key=lambda file: natural_key(file.name))
+            new = set(os.listdir(self._path)) - self._known
+            files = sorted(filter(is_scan, map(self._path.joinpath, new)), key=lambda file: natural_key(file.name))
             for file in files:
                 is_left = file is not files[-1]
                 stamp_ns = self._stamps.stamp_ns(self._index, file) if _is_complete(file, is_left) else None
@@ -173,6 +107,9 @@ class GrowingFolder(ScanStream):
             yield Arrival(finished(index, stamp_ns, points, times, file, stamped=self.stamped), came_s)
         except UnreadableScanError as error:
             self._skip(index, file, f"{error} (stamp {ns_to_seconds(stamp_ns)} s)")
+
+    def _skip(self, index: int, file: Path, reason: str) -> None:
+        self.skipped.append(SkippedScan(index, file, reason, file.name))
 
 
 def _is_complete(file: Path, is_left: bool) -> bool:

@@ -133,10 +133,10 @@ _FIELDS = {own.name: own for own in fields(RunOptions)}
 _READ: dict[str, Callable[[str], Any]] = {"mount": _mount, "start": _start, "tolerance": _tolerance}  # with checks
 _GROUPS = {"scan_dir": "scans", "bim": "building", "config": "settings", "out": "results"}  # by their first options
 COMMON = (
-    *("bim", "layer", "storey", "start", "tolerance", "map", "topic", "stamp", "mount"),
+    *("bim", "layer", "storey", "start", "tolerance", "map", "stamp", "mount"),
     *("config", "set", "out", "ground_truth", "verbose"),
 )
-ANCHORING = (*COMMON, "single_pass", "view", "rerun", "strict")  # of scans that are all there
+ANCHORING = (*COMMON, "topic", "single_pass", "view", "rerun", "strict")  # of scans that are all there
 OF_A_RUN = (*ANCHORING, "scan_dir", "odometry", "imu", "imu_topic", "demo", "seed", "resume")
 
 

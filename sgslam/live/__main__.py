@@ -18,6 +18,7 @@ def main(arguments: list[str] | None = None) -> int:
     if options.odometry is not None and Path(options.odometry).is_file():
         raise UserError(f"--odometry {options.odometry}: live runs take no poses from a file; name an odometry")
     # imported only now, so that --help and a missing argument respond at once
+    from data.streams import GrowingFolder
     from sgslam.cli.job.inputs import default_out, read_settings
     from sgslam.cli.job.run import Interruption
     from sgslam.cli.processes.tracking_side import settle_threads
@@ -26,7 +27,9 @@ def main(arguments: list[str] | None = None) -> int:
     from sgslam.result.saving import prepare_folder
 
     config, _ = read_settings(options)
-    stream = _opened(given.source, options.topic)
+    if given.source == "-":
+        raise UserError("-: MCAP on standard input is no longer read; give a folder, or use sgslam.LiveSlam")
+    stream = GrowingFolder(given.source)
     stream.stamped = config.tracking.stamp
     out = prepare_folder(options.out or default_out())
     settle_threads()
@@ -50,22 +53,12 @@ def _parser() -> Parser:
     about = "Track scans as they arrive and print a line of JSON for each; a second process builds and anchors the map."
     parser = Parser(prog="python -m sgslam.live", description=about)
     add = parser.add_argument
-    add("source", metavar="SOURCE", help="folder into which scans are written, or - for MCAP records on standard input")
+    add("source", metavar="SOURCE", help="folder into which scans are written")
     odometry = {"metavar": "NAME", "help": "continuous_time (default), kiss or small_gicp"}
     add_options(parser, *COMMON, odometry=odometry)
     idle = "end after so many seconds without a scan (default: at Ctrl-C)"
     add("--idle", type=bounded("--idle", float, 1e-3, " seconds"), metavar="S", help=idle)
     return parser
-
-
-def _opened(source: str, topic: str | None) -> Any:
-    from data.streams import GrowingFolder, McapPipe
-
-    if source == "-":
-        return McapPipe(sys.stdin.buffer, topic)
-    if topic is not None:
-        raise UserError(f"--topic {topic}: a folder has no topics")
-    return GrowingFolder(source)
 
 
 def _summary(metrics: dict[str, Any], out: Path) -> str:

@@ -12,7 +12,7 @@ from typing import Any, TextIO
 
 from data.common.errors import UserError
 from data.scans import Scan
-from data.streams import Arrival, ScanStream
+from data.streams import Arrival, GrowingFolder
 from sgslam.cli.processes.mapping_process import HeldAnchor
 from sgslam.live.live_slam import Answer, LiveSlam
 from sgslam.perception.scan_checks import in_metres_and_sensor_frame
@@ -23,7 +23,7 @@ class LiveLoop:
     """Adds the scans of a stream until it ends, none has come for `idle` seconds, or `is_over` says so."""
 
     live: LiveSlam
-    stream: ScanStream
+    stream: GrowingFolder
     out: TextIO
     idle: float | None
     is_over: Callable[[], bool]
@@ -83,7 +83,7 @@ class LiveLoop:
                 return
 
 
-def _read(stream: ScanStream, arrivals: "queue.Queue[Arrival | Exception | None]") -> None:
+def _read(stream: GrowingFolder, arrivals: "queue.Queue[Arrival | Exception | None]") -> None:
     try:
         for arrival in stream:
             arrivals.put(arrival)

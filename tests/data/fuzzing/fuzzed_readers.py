@@ -26,7 +26,6 @@ from data.scans.formats import read_timed
 from data.scans.sources import open_scans
 from data.scene_graph import SceneGraph
 from data.slam_output.g2o import read_g2o
-from data.streams import McapPipe
 from data.trajectory.stamps import read_times
 from data.trajectory.trajectory import read_poses
 from matching.judge import Judge
@@ -49,11 +48,6 @@ class Reader:
 
 def _scans(path: Path) -> object:
     return [len(scan.points) for scan in open_scans(path)]
-
-
-def _piped(path: Path) -> object:
-    with path.open("rb") as file:
-        return [len(arrival.scan.points) for arrival in McapPipe(file)]
 
 
 def _scan_samples(suffix: str, folder: Path) -> list[bytes]:
@@ -123,7 +117,6 @@ def _all() -> Iterator[Reader]:
         yield Reader(f"scans {suffix}", suffix, partial(_scan_samples, suffix), read_timed)
     for kind, suffix in (("ros1", ".bag"), ("ros1-lz4", ".bag"), ("mcap", ".mcap"), ("sqlite3", ".db3")):
         yield Reader(f"bag {kind}", suffix, partial(_bag, kind), _scans, 0.5)
-    yield Reader("MCAP through a pipe", ".mcap", partial(_bag, "mcap"), _piped, 0.5)
     yield Reader("IMU", ".csv", _imu, read_imu)
     yield Reader("IMU, bag", ".bag", _imu_bag, read_imu, 0.5)
     yield Reader("IFC", ".ifc", _ifc, partial(read_guarded, seconds=10), 0.05)

@@ -18,7 +18,6 @@ from data.plans import load_bim
 from data.scans import ScanFolder
 from data.scans.formats import read_points
 from data.scans.sources import open_scans
-from data.streams import McapPipe
 
 IN_BAGS = [*(f"{kind} of ouster" for kind in BAGS), *(f"{k} of {own}" for k in ("ros1", "mcap") for own in LAYOUTS)]
 
@@ -41,18 +40,6 @@ def test_every_form_gives_the_same_scans(form: str, tmp_path: Path) -> None:
     if form in E57:  # the points are in the scanner's frame, the poses beside them
         poses = [np.asarray(scan.T_odom_sensor) for scan in scans]
         np.testing.assert_allclose(poses, [[[1, 0, 0, x], *np.eye(4)[1:]] for x in (0.0, 1.5, 3.0)])
-
-
-def test_a_pipe_of_mcap_records_gives_the_scans_of_the_file(tmp_path: Path) -> None:
-    (bag,) = write_scans("mcap of ouster", tmp_path).glob("*.mcap")
-    with bag.open("rb") as file:
-        piped = [arrival.scan for arrival in McapPipe(file)]
-    for k, scan in enumerate(piped):
-        assert scan.stamp_ns == stamp_of(k) and np.array_equal(scan.points, points_of(k)[GOOD])
-        assert scan.point_times is not None and np.allclose(scan.point_times, SECONDS[GOOD], atol=1e-8)
-    assert len(piped) == 3
-    with bag.open("rb") as file, pytest.raises(UserError, match="it holds /points"):
-        list(McapPipe(file, "/others"))
 
 
 @pytest.mark.parametrize("form", FILES)

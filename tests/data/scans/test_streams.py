@@ -2,7 +2,6 @@
 
 import os
 import queue
-import struct
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,18 +9,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bag_files import lidar_bag
 
-from data.bags import mcap_records
 from data.common.errors import UserError
-from data.streams import Arrival, GrowingFolder, GrowingStamps, McapPipe, ScanStream
+from data.streams import Arrival, GrowingFolder, GrowingStamps
 
 SOON = 5.0  # s, within which a busy machine notices
 POINTS = np.random.default_rng(0).normal(size=(50, 3)).astype(np.float32)
 
 
 @contextmanager
-def coming(stream: ScanStream) -> Iterator["queue.Queue[Arrival]"]:
+def coming(stream: GrowingFolder) -> Iterator["queue.Queue[Arrival]"]:
     """The arrivals of a stream, as they come, until the context ends."""
     arrivals: queue.Queue[Arrival] = queue.Queue()
     thread = threading.Thread(target=lambda: [arrivals.put(arrival) for arrival in stream])
@@ -92,39 +89,3 @@ def test_stamps_come_from_a_times_txt_that_grows_or_from_all_names(tmp_path: Pat
     assert stamps.stamp_ns(0, Path("1.5.npy")) == 1_500_000_000
     with pytest.raises(UserError, match="its name carries no stamp"):
         stamps.stamp_ns(1, Path("a.npy"))
-
-
-def test_a_pipes_scan_comes_with_its_record_and_what_is_cut_off_is_told(tmp_path: Path) -> None:
-    header, *messages = unchunked(next(lidar_bag(tmp_path / "bag", "mcap", 3).glob("*.mcap")))
-    reader, writer = os.pipe()
-    with os.fdopen(reader, "rb") as file:
-        stream = McapPipe(file)
-        with coming(stream) as arrivals, os.fdopen(writer, "wb", buffering=0) as end:
-            end.write(header + messages[0])
-            first = stamps_of(arrivals, 1)
-            end.write(messages[1])
-            assert stamps_of(arrivals, 1)[0] == first[0] + 100_000_000
-            end.write(messages[2][:-100])
-            end.close()
-            with pytest.raises(queue.Empty):
-                arrivals.get(timeout=0.2)
-    assert not stream.skipped and "cut off" in stream.remarks[0]
-    with (tmp_path / "none").open("w+b") as file, pytest.raises(UserError, match=r"no scans arrived .*EndOfFile"):
-        list(McapPipe(file))
-
-
-def unchunked(bag: Path) -> list[bytes]:
-    """An MCAP file's header, schema and channel, and each of its messages, as a writer without chunks puts them."""
-
-    def text(value: bytes) -> bytes:
-        return struct.pack("<I", len(value)) + value
-
-    def record(op: int, data: bytes) -> bytes:
-        return struct.pack("<BQ", op, len(data)) + data
-
-    with bag.open("rb") as file:
-        records = list(mcap_records(file))
-    schema = struct.pack("<H", 1) + text(records[0].msgtype.encode()) + text(b"ros2msg") + text(b"")
-    channel = struct.pack("<HH", 1, 1) + text(records[0].topic.encode()) + text(b"cdr") + text(b"")
-    begin = b"\x89MCAP0\r\n" + record(1, text(b"") * 2) + record(3, schema) + record(4, channel)
-    return [begin] + [record(5, struct.pack("<HIQQ", 1, 0, own.log_ns, own.log_ns) + own.data) for own in records]

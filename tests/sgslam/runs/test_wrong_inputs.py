@@ -118,7 +118,7 @@ ANCHOR, LIVE, VIEW = "sgslam.other_slam.anchor", "sgslam.live", "sgslam.cli.view
         (f"{ANCHOR} nothing --bim small.ifc", "not KISS-SLAM's folder"),
         (f"{ANCHOR} poses.kitti --scans clouds --bim small.ifc", "poses for the"),
         (f"{ANCHOR} graph.g2o --bim plan.json", "give --scans"),
-        (f"{LIVE} scans --topic /points", "--topic /points: a folder has no topics"),
+        (f"{LIVE} -", "MCAP on standard input is no longer read"),
         (f"{LIVE} scans --bim empty.json", "empty.json"),
         (f"{LIVE} none", "none: does not exist"),
         (f"{LIVE} scans --idle 0", "--idle"),
