@@ -1,6 +1,6 @@
-"""A trajectory: stamped poses; its files, and those of other programs: TUM, KITTI's poses, EuRoC's CSV."""
+"""A trajectory: stamped poses; its files, in the forms of TUM and of KITTI's poses."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,12 +12,8 @@ from data.common.files import parsed_lines, write_atomically
 from data.geometry.poses import poses_to_xyzquat, xyzquat_to_poses
 from data.trajectory.stamps import ns_to_seconds, read_times, seconds_to_ns
 
-_KITTI, _EUROC = 12, 8  # numbers of a line; EuRoC's may be followed by speeds and biases
-_EUROC_FORM = "'stamp_ns, x, y, z, qw, qx, qy, qz'"
+_TUM, _KITTI = 8, 12  # numbers of a line
 _SKEW = 1e-3  # by which a rotation may be off: files are written with few digits
-_EUROC_HEADER = (
-    "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []"  # S is the sensor
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,27 +108,22 @@ class Trajectory:
 
         Raises UserError, with the line's number, if the file is not a trajectory with increasing stamps.
         """
-        return trajectory_in(path, "'t x y z qx qy qz qw'", _tum)
+        stamps = list[int]()
 
+        def row_of(text: str) -> NDArray[np.float64]:
+            words = text.split()
+            if len(words) != _TUM:
+                raise ValueError(f"{len(words)} values")
+            stamp, row = seconds_to_ns(words[0]), numbers_in(words[1:], _TUM - 1)
+            if not 1e-6 < np.linalg.norm(row[3:]) < 1e6:
+                raise ValueError("the quaternion has no direction (all zero?)")
+            if stamps and stamp <= stamps[-1]:
+                raise ValueError(f"the stamp {'repeats' if stamp == stamps[-1] else 'goes backwards'}; sort by time")
+            stamps.append(stamp)
+            return row
 
-def trajectory_in(path: Path | str, form: str, parse: Callable[[str], tuple[int, NDArray[np.float64]]]) -> Trajectory:
-    """The trajectory in a text file with a pose a line: `parse` gives its stamp (ns) and `x y z qx qy qz qw`.
-
-    Raises UserError, with the line's number, where `parse` raises ValueError and where stamps do not increase.
-    """
-    stamps = list[int]()
-
-    def row_of(text: str) -> NDArray[np.float64]:
-        stamp, row = parse(text)
-        if not 1e-6 < np.linalg.norm(row[3:]) < 1e6:
-            raise ValueError("the quaternion has no direction (all zero?)")
-        if stamps and stamp <= stamps[-1]:
-            raise ValueError(f"the stamp {'repeats' if stamp == stamps[-1] else 'goes backwards'}; sort by time")
-        stamps.append(stamp)
-        return row
-
-    rows = parsed_lines(path, f"a trajectory, lines of {form}", row_of)
-    return Trajectory(np.array(stamps, dtype=np.int64), xyzquat_to_poses(rows))
+        rows = parsed_lines(path, "a trajectory, lines of 't x y z qx qy qz qw'", row_of)
+        return Trajectory(np.array(stamps, dtype=np.int64), xyzquat_to_poses(rows))
 
 
 def numbers_in(words: Sequence[str], count: int) -> NDArray[np.float64]:
@@ -146,13 +137,6 @@ def numbers_in(words: Sequence[str], count: int) -> NDArray[np.float64]:
     if not np.isfinite(row).all():
         raise ValueError("a value is not finite")
     return row
-
-
-def _tum(text: str) -> tuple[int, NDArray[np.float64]]:
-    words = text.split()
-    if len(words) != 8:
-        raise ValueError(f"{len(words)} values")
-    return seconds_to_ns(words[0]), numbers_in(words[1:], 7)
 
 
 def moved_with(given: Trajectory, corrected: Trajectory) -> Trajectory:
@@ -189,14 +173,9 @@ class PoseList:
     step_covariances: Sequence[NDArray[np.float64] | None] | None = None
     at_ends: bool = False
 
-    @staticmethod
-    def of(trajectory: Trajectory) -> "PoseList":
-        """The poses and stamps of a trajectory."""
-        return PoseList(np.array(trajectory.poses), np.array(trajectory.stamps_ns))
-
 
 def read_poses(path: Path | str, times: Path | str | None = None) -> PoseList:
-    """Reads a file of poses; by its content it is TUM (8 numbers a line), KITTI's (12) or EuRoC's CSV.
+    """Reads a file of poses; by its content it is TUM (8 numbers a line) or KITTI's (12).
 
     `times` is a file with one float second a line, for KITTI's poses, which have no stamps. Raises UserError, with the
     line's number, for anything else.
@@ -204,14 +183,13 @@ def read_poses(path: Path | str, times: Path | str | None = None) -> PoseList:
     path = Path(path)
     line = parsed_lines(path, "a file of poses", str)[0]
     if "," in line:
-        poses = PoseList.of(trajectory_in(path, _EUROC_FORM, _euroc))
-    elif len(line.split()) == _KITTI:
+        raise UserError(f"{path}: EuRoC's form is no longer read; give what 'evo_traj euroc FILE --save_as_tum' writes")
+    if len(line.split()) == _KITTI:
         return _stamped(path, read_kitti(path), times)
-    else:
-        poses = PoseList.of(Trajectory.read_tum(path))
+    trajectory = Trajectory.read_tum(path)
     if times is not None:
         raise UserError(f"{times}: {path} has stamps of its own; leave out the times")
-    return poses
+    return PoseList(np.array(trajectory.poses), np.array(trajectory.stamps_ns))
 
 
 def read_kitti(path: Path | str) -> NDArray[np.float64]:
@@ -221,15 +199,6 @@ def read_kitti(path: Path | str) -> NDArray[np.float64]:
         return squared(np.vstack([numbers_in(text.split(), _KITTI).reshape(3, 4), [0.0, 0.0, 0.0, 1.0]]))
 
     return np.stack(parsed_lines(path, "lines of 12 numbers, the upper 3 x 4 of a pose", pose))
-
-
-def _euroc(text: str) -> tuple[int, NDArray[np.float64]]:
-    """A line of EuRoC's ground truth: stamp in ns, position, quaternion with w first; what follows is not used."""
-    stamp, *words = (word.strip() for word in text.split(","))
-    row = numbers_in(words[: _EUROC - 1], _EUROC - 1)
-    if not stamp.lstrip("-").isdecimal() or abs(int(stamp)) > np.iinfo(np.int64).max:
-        raise ValueError(f"'{stamp}' is not a stamp in whole nanoseconds")
-    return int(stamp), row[[0, 1, 2, 4, 5, 6, 3]]
 
 
 def squared(pose: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -262,13 +231,3 @@ def write_kitti(trajectory: Trajectory, poses: Path, times: Path) -> None:
     rows = trajectory.poses[:, :3].reshape(-1, 12).tolist()
     write_atomically(poses, "".join(" ".join(f"{value:.15g}" for value in row) + "\n" for row in rows))
     write_atomically(times, "".join(f"{ns_to_seconds(stamp)}\n" for stamp in trajectory.stamps_ns.tolist()))
-
-
-def write_euroc(trajectory: Trajectory, path: Path) -> None:
-    """The form of EuRoC's ground truth without speeds and biases: nanoseconds, position, quaternion with w first;
-    atomically."""
-    lines = [_EUROC_HEADER]
-    quaternions = poses_to_xyzquat(trajectory.poses).tolist()
-    for stamp, (x, y, z, qx, qy, qz, qw) in zip(trajectory.stamps_ns.tolist(), quaternions, strict=True):
-        lines.append(",".join([str(stamp), *(f"{value:.15g}" for value in (x, y, z, qw, qx, qy, qz))]))
-    write_atomically(path, "\n".join(lines) + "\n")

@@ -59,15 +59,6 @@ def _kitti(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
     return [f"{poses}: {len(trajectory)} poses; times in {times.name}"]
 
 
-def _euroc(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
-    from data.trajectory import Trajectory
-    from data.trajectory.trajectory import write_euroc
-
-    trajectory, file = Trajectory.read_tum(run.path / "trajectory.tum"), run.path / "trajectory_euroc.csv"
-    write_euroc(trajectory, file)
-    return [f"{file}: {len(trajectory)} poses"]
-
-
 def _ply(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
     from data.scans.writers import write_ply
 
@@ -125,7 +116,6 @@ def _cloud_to_model(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
 
 FORMATS: dict[str, Callable[["RunFolder", Path, float], list[str]]] = {
     "kitti": _kitti,
-    "euroc": _euroc,
     "ply": _ply,
     "ifc": _ifc,
     "bcf": _bcf,

@@ -69,9 +69,7 @@ class RunOptions:
     scan_dir: Annotated[
         Path | None, "DIR", "scans: a folder or a bag (docs/own_sensor.md); required without --demo or --resume"
     ] = None
-    slam_output: Annotated[
-        Path | None, "OUTPUT", "poses (TUM, KITTI, EuRoC), a folder of KISS-SLAM, or a .g2o file"
-    ] = None
+    slam_output: Annotated[Path | None, "OUTPUT", "poses (TUM, KITTI), a folder of KISS-SLAM, or a .g2o file"] = None
     cloud: Annotated[Path | None, "FILE", "map in the poses' frame, instead of scans: .ply, .pcd, .las, ..."] = None
     times: Annotated[Path | None, "FILE", "stamps of the KITTI poses, in seconds, one per line"] = None
     topic: Annotated[str | None, "NAME", "topic of the scans, if there are several"] = None

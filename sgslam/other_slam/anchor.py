@@ -1,6 +1,6 @@
 """`python -m sgslam.other_slam.anchor OUTPUT --bim FILE`: another SLAM's finished output in, anchored poses out.
 
-OUTPUT is a file of poses (TUM, KITTI's poses, EuRoC's CSV), KISS-SLAM's folder of results, or a pose graph
+OUTPUT is a file of poses (TUM, KITTI's poses), KISS-SLAM's folder of results, or a pose graph
 (`.g2o`) with a cloud for each vertex.
 """
 

@@ -11,7 +11,7 @@ from drives import small_drive
 from data.geometry.poses import poses_to_xyzquat
 from data.scans.writers import write_ply
 from data.trajectory import Trajectory
-from data.trajectory.trajectory import write_euroc, write_kitti
+from data.trajectory.trajectory import write_kitti
 
 EVERY = 5  # of the drive's scans, those that are keyframes: a second apart
 _VOXEL = 0.05  # m, of maps
@@ -79,15 +79,12 @@ def slam_output(bend: float = 0.00005, slip: float = 0.0005) -> SlamOutput:
 
 
 def write_poses(trajectory: Trajectory, folder: Path, form: str) -> list[Path | str]:
-    """Writes poses as `tum`, `kitti` or `euroc`; returns the arguments that name them to the command."""
+    """Writes poses as `tum` or `kitti`; returns the arguments that name them to the command."""
     path = folder / f"poses.{form}"
     if form == "kitti":
         write_kitti(trajectory, path, folder / "times.txt")
         return [path, "--times", folder / "times.txt"]
-    if form == "euroc":
-        write_euroc(trajectory, path)
-    else:
-        trajectory.write_tum(path)
+    trajectory.write_tum(path)
     return [path]
 
 

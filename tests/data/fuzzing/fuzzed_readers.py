@@ -130,7 +130,6 @@ def _all() -> Iterator[Reader]:
     for form, suffix, line in (
         ("TUM", ".tum", "170000000{k}.5 1 {k} 0.5 0 0 0.6 0.8\n"),
         ("KITTI", ".txt", "1 0 0 {k} 0 0 -1 2 0 1 0 0.5\n"),
-        ("EuRoC", ".csv", "170000000{k}000000000,1,2,{k}.5,0.8,0,0,0.6\n"),
     ):
         yield Reader(f"poses, {form}", suffix, partial(_lines, line), read_poses, 0.7)
     yield Reader("times", ".txt", partial(_lines, "170000000{k}.5\n"), read_times)
