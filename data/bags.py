@@ -1,6 +1,6 @@
 """Bags of messages: ROS 1 (.bag), ROS 2 (a folder with sqlite3 or MCAP files, or one such file), MCAP of any origin.
 
-Those that were cut off or come through a pipe are read in the file's order, without its index.
+Those that were cut off are read in the file's order, without its index.
 """
 
 import sqlite3
@@ -39,8 +39,8 @@ def normal_type(name: str) -> str:
     return f"{parts[0]}/msg/{parts[-1]}" if len(parts) > 1 else name
 
 
-def records_in(path: Path) -> Iterator[Record]:
-    """Those of a bag's file."""
+def _records_in(path: Path) -> Iterator[Record]:
+    """Those of a bag's file, in its order."""
     if path.suffix.lower() == ".db3":
         yield from _sqlite(path)
         return
@@ -49,11 +49,10 @@ def records_in(path: Path) -> Iterator[Record]:
             yield from _ros1(file, path.stat().st_size, {})
             return
         file.seek(0)
-        yield from mcap_records(file)
+        yield from _mcap(file)
 
 
-def mcap_records(file: BinaryIO) -> Iterator[Record]:
-    """Those of MCAP, each as soon as its record or chunk is there."""
+def _mcap(file: BinaryIO) -> Iterator[Record]:
     from mcap.records import Channel, Message, Schema
     from mcap.stream_reader import StreamReader
 
@@ -202,7 +201,7 @@ class _Part:
     def _in_order(self) -> Iterator[Record]:
         for file in _bags_in(self.path) if self.path.is_dir() else [self.path]:
             try:
-                yield from (record for record in records_in(file) if record.msgtype in self.types)
+                yield from (record for record in _records_in(file) if record.msgtype in self.types)
             except Exception as error:  # each library raises kinds of its own
                 self._failed(error)
 

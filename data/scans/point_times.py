@@ -14,7 +14,6 @@ from data.trajectory.stamps import NS, ns_to_seconds
 LOOK_AHEAD = 8  # next scans that decide whether a stamp far ahead is right
 GAP_NS = 10 * NS  # longer pauses between scans are reported
 _FEWEST = 4  # scans: of fewer, a single odd stamp would decide
-_SHORTEST, _LONGEST = 0.02, 0.5  # s between the scans of a moving LiDAR
 _FASTEST, _SLOWEST = 1e-3, 1e4  # s between any scans: none are faster, nor hours apart
 _EVEN = 0.2  # of the median, within which the middle half of a LiDAR's intervals lies; stations are set up less evenly
 Floats = NDArray[np.float64]
@@ -31,7 +30,7 @@ _LONGEST = 2.0  # s: no scan takes longer
 _SINCE_1973 = 1e8  # s: a larger time is one of a clock
 _ROUNDED = 1e-3  # by which a fraction may be above 1
 _HALF = 1 << 31  # of what 32 bits hold
-_QUICKEST = 0.02  # s between the scans of a LiDAR that turns
+_QUICKEST = 0.02  # s between the scans of a LiDAR
 _MUCH = 2.0  # times the interval between scans that no scan lasts
 
 
@@ -86,26 +85,19 @@ def unusable(stamps_ns: Sequence[int]) -> dict[int, str]:
 
 
 def check_interval(stamps_ns: Sequence[int], where: str) -> None:
-    """Raises UserError if the stamps of scans seem to be in another unit, and names it. `where` says what holds them.
+    """Raises UserError if the stamps of scans seem to be in another unit. `where` says what holds them.
 
     Scans that are minutes apart are accepted if they are so unevenly: they may be a survey's.
     """
     if len(stamps_ns) < _FEWEST:
         return
     low, interval, high = np.percentile(np.diff(np.array(stamps_ns, dtype=np.float64)) / NS, [25, 50, 75]).tolist()
-    if interval <= 0:  # stamps that do not increase are judged elsewhere
-        return
-    unit = None
-    if interval > _SLOWEST:  # taken for seconds
-        unit = "microseconds" if interval < _LONGEST * 1e6 else "nanoseconds"
-    elif interval < _FASTEST:  # taken for nanoseconds
-        unit = "microseconds" if interval > _SHORTEST * 1e-3 else "milliseconds"
-    elif _SHORTEST * 1e3 <= interval <= _LONGEST * 1e3 and high - low <= _EVEN * interval:
-        unit = "milliseconds"
-    if unit is not None:
+    of_milliseconds = _QUICKEST <= interval * 1e-3 <= _LONGEST and high - low <= _EVEN * interval
+    # stamps that do not increase are judged elsewhere
+    if 0 < interval < _FASTEST or interval > _SLOWEST or of_milliseconds:
         raise UserError(
-            f"{where}: the scans are {interval:.3g} s apart by their stamps, which seem to be in {unit}; give seconds "
-            "in times.txt, in names seconds with a decimal point or nanoseconds"
+            f"{where}: the scans are {interval:.3g} s apart by their stamps, which seem to be in another unit; give "
+            "seconds in times.txt, in names seconds with a decimal point or nanoseconds"
         )
 
 

@@ -91,7 +91,7 @@ ANCHOR, LIVE, VIEW = "sgslam.other_slam.anchor", "sgslam.live", "sgslam.cli.view
         ("sgslam.run --scan-dir above", "10th/points|second; give one of these"),
         ("sgslam.run --scan-dir few_times", "times.txt|25|2"),
         ("sgslam.run --scan-dir scans_back", "24 of 25 scans have wrong stamps"),
-        ("sgslam.run --scan-dir scans_ms", "seem to be in milliseconds; give seconds"),
+        ("sgslam.run --scan-dir scans_ms", "seem to be in another unit; give seconds"),
         ("sgslam.run --scan-dir nan", "NaN"),
         ("sgslam.run --scan-dir millimetres", "divide millimetres by 1000"),
         ("sgslam.run --scan-dir world", "in one world frame"),
