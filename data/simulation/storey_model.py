@@ -6,15 +6,15 @@ from functools import cache
 from pathlib import Path
 
 import ifcopenshell
-import ifcopenshell.util.placement
-import ifcopenshell.util.unit
 import numpy as np
+import shapely
 from ifcopenshell.util.element import get_aggregate
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
-from data.geometry.areas import triangles_of
+from data.geometry.areas import Area, triangles_of
 from data.geometry.raycast import TriangleScene, area_normals
+from data.ifc.graph import read_ifc
 from data.ifc.products import IfcProduct, open_ifc, products
 from data.ifc.rooms import STAIRS
 from data.plans.mesh_plan import is_mesh, read_mesh
@@ -96,14 +96,20 @@ def load_storeys(
 
     @cache
     def read(storey: ifcopenshell.entity_instance) -> StoreyModel:
-        return _storey_model(model, storey, solid, others, changes, seed, tolerance)
+        rooms = (_space(model.by_guid(p.global_id), p) for p in others["IfcSpace"] if p.storey == storey.GlobalId)
+        spaces = tuple(space for space in rooms if len(space.bottom)) or _rooms_between_walls(path, storey.GlobalId)
+        if not spaces:
+            raise UserError(
+                f"storey '{storey.Name or storey.GlobalId}' has no rooms to drive in; choose another storey"
+            )
+        return _storey_model(model, storey, spaces, solid, others, changes, seed, tolerance)
 
     return [read(storey) for storey in entities]
 
 
 def _storey_model(
-    model: ifcopenshell.file, storey: ifcopenshell.entity_instance, planned: list[IfcProduct],
-    others: Mapping[str, list[IfcProduct]], changes: Changes, seed: int, tolerance: float,
+    model: ifcopenshell.file, storey: ifcopenshell.entity_instance, spaces: tuple[Space, ...],
+    planned: list[IfcProduct], others: Mapping[str, list[IfcProduct]], changes: Changes, seed: int, tolerance: float,
 ) -> StoreyModel:  # fmt: skip
     """Of the whole building's `planned` solid products, and others by class."""
 
@@ -115,21 +121,16 @@ def _storey_model(
     shifts = draw_tolerances(of_class(model, here(planned), "IfcWall"), tolerance, seed) if tolerance else ()
     cut = recut(model, planned, openings, made)
     solid = as_built(model, cut, made, shifts)
-    own = [p.triangles for p in here(solid)]
-    rooms = (_space(model.by_guid(p.global_id), p) for p in here(others["IfcSpace"]))
-    spaces = tuple(space for space in rooms if len(space.bottom))
-    if not solid or not (spaces or own):
-        raise UserError(f"storey '{storey.Name or storey.GlobalId}' has no geometry to drive in; choose another storey")
     triangles = np.concatenate([p.triangles for p in solid])
     panes = np.concatenate([np.full(len(p.faces), _is_pane(model.by_guid(p.global_id))) for p in solid])
     stairs = [p.triangles for p in solid if p.ifc_class in STAIRS]
-    level = _floor_of_spaces(spaces) if spaces else _elevation(model, storey)
+    level = _floor_of_spaces(spaces)
     floors, ceilings = (_missing_faces(triangles, spaces, stairs, sign) for sign in (-1.0, 1.0))
     if floors:  # in doorways too, under the openings that stand on the floor
         holes = (p.triangles for p in as_built(model, openings, made))
         floors += [hole[np.abs(hole[:, :, 2] - level).max(axis=1) < 0.05] for hole in holes]
     triangles = np.concatenate([triangles, *floors, *ceilings])
-    extent = _extent([space.bottom for space in spaces] or own)
+    extent = _extent(spaces)
     level = _measured_floor(TriangleScene(triangles), level, extent)
     glazed = np.pad(panes, (0, len(triangles) - len(panes)))
     leaves = tuple(p.triangles for p in here(as_built(model, others["IfcDoor"], made, shifts)))
@@ -140,8 +141,25 @@ def _storey_model(
     )  # fmt: skip
 
 
-def _extent(parts: list[Triangles]) -> tuple[Xy, Xy]:
-    corners = np.concatenate(parts).reshape(-1, 3)[:, :2]
+def _rooms_between_walls(path: Path | str, storey: str) -> tuple[Space, ...]:
+    """The rooms of a storey (GlobalId) without spaces, as its A-graph has them."""
+    graph, _ = read_ifc(path)
+    z = next((floor.elevation for floor in graph.floors if floor.id == storey), None)
+    rooms = [room for room in graph.rooms if room.floor == storey and room.polygon is not None]
+    floors = [_level(shapely.Polygon(room.polygon), z or 0.0) for room in rooms]
+    return tuple(
+        Space(RoomLabel(room.id, room.name, room.name), floor, floor[:0])
+        for room, floor in zip(rooms, floors, strict=True)
+    )
+
+
+def _level(area: Area, z: float) -> Triangles:
+    plan = triangles_of(area)
+    return np.dstack([plan, np.full(plan.shape[:2], z)])
+
+
+def _extent(spaces: Iterable[Space]) -> tuple[Xy, Xy]:
+    corners = np.concatenate([space.bottom for space in spaces]).reshape(-1, 3)[:, :2]
     return corners.min(axis=0), corners.max(axis=0)
 
 
@@ -184,11 +202,6 @@ def _floor_of_spaces(spaces: tuple[Space, ...]) -> float:
     order = np.argsort(z)
     total = np.cumsum(area[order])
     return float(z[order][np.searchsorted(total, total[-1] / 2)])
-
-
-def _elevation(model: ifcopenshell.file, storey: ifcopenshell.entity_instance) -> float:
-    placement = ifcopenshell.util.placement.get_local_placement(storey.ObjectPlacement)
-    return float(placement[2, 3]) * float(ifcopenshell.util.unit.calculate_unit_scale(model))
 
 
 def _measured_floor(scene: TriangleScene, level: float, extent: tuple[Xy, Xy]) -> float:
@@ -249,16 +262,16 @@ def _mesh_storey(path: Path | str, storey: str, seed: int, tolerance: float) -> 
     levels = [v for v in building.levels if v.floor is not None and storey in ("", v.floor, names[v.floor])]
     if not levels:
         raise UserError(f"{path}: no level '{storey}'; it has: {', '.join(repr(name) for name in names.values())}")
-    level, spaces = levels[0], []
-    for volume in level.rooms:
-        plan, room = triangles_of(volume.area), volume.room
-        bottom = np.dstack([plan, np.full(plan.shape[:2], level.bottom)])
-        top = bottom + np.array([0.0, 0.0, level.top - level.bottom])
-        spaces.append(Space(RoomLabel(room.id, room.name, room.name), bottom, top))
+    level = levels[0]
+    spaces = tuple(
+        Space(
+            RoomLabel(of.room.id, of.room.name, of.room.name), *(_level(of.area, z) for z in (level.bottom, level.top))
+        )
+        for of in level.rooms
+    )
     solid = _shifted(building.triangles, tolerance, seed) if tolerance else building.triangles
-    extent = _extent([space.bottom for space in spaces])
     name, no_panes = names[str(level.floor)], np.zeros(len(solid), dtype=bool)
-    return StoreyModel(name, level.bottom, tuple(spaces), solid, no_panes, (), extent)
+    return StoreyModel(name, level.bottom, spaces, solid, no_panes, (), _extent(spaces))
 
 
 def _shifted(triangles: Triangles, tolerance: float, seed: int) -> Triangles:
