@@ -5,7 +5,7 @@ People are upright cylinders that walk about in the rooms that are entered, and 
 """
 
 from collections.abc import Collection
-from dataclasses import dataclass, field, is_dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +56,6 @@ def checked(effects: Collection[str]) -> frozenset[str]:
 
 def noisy(sensor: Sensor) -> Sensor:
     """The sensor with more noise and less reach."""
-    assert is_dataclass(sensor) and not isinstance(sensor, type)
     return replace(sensor, range_noise=NOISE, max_range=min(REACH, sensor.max_range))
 
 

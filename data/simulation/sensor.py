@@ -1,8 +1,7 @@
 """A simulated LiDAR, and an IMU in it."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -27,23 +26,54 @@ class Scene(Protocol):
         """(N,) metres along unit `directions` (N, 3) from `origins`, (3,) or (N, 3); inf where nothing is."""
 
 
-class Sensor(ABC):
-    """Sensor frame: x forward, y left, z up. Ranges in metres, `rate` in scans a second.
+@dataclass(frozen=True)
+class Sensor:
+    """Beams one over another that turn about the z axis, all scans alike; or with a `curve` one beam that follows it,
+    and does not repeat from scan to scan.
 
-    `range_noise` is the standard deviation of a Gaussian error along the beam. Ray i is cast by laser `i % beams`. Rays
-    that hit nothing between `min_range` and `max_range` give no point.
+    Sensor frame: x forward, y left, z up. Angles in degrees, ranges in metres, `rate` in scans a second; `range_noise`
+    is the standard deviation of a Gaussian error along the beam. Each beam is cast at `azimuths` times of a scan. Rays
+    that hit nothing between `min_range` and `max_range` give no point. `curve` gives azimuth and elevation (N,),
+    radians, at times (N,) in seconds since the drive's beginning.
     """
 
-    beams: int
-    range_noise: float
-    min_range: float
-    max_range: float
-    rate: float
+    beams: int = 16
+    lowest_deg: float = -15.0
+    highest_deg: float = 15.0
+    azimuths: int = 900
+    range_noise: float = 0.02
+    min_range: float = 0.3
+    max_range: float = 100.0
+    rate: float = 10.0
+    curve: Callable[[Array], tuple[Array, Array]] | None = None
 
-    @abstractmethod
+    def __post_init__(self) -> None:
+        """Raises UserError for an impossible sensor."""
+        if self.beams < 1 or self.azimuths < 1 or not self.rate > 0:
+            raise UserError("sensor: beams, azimuths and rate must be positive")
+        if not -90 <= self.lowest_deg <= self.highest_deg <= 90:
+            raise UserError("sensor: elevations must rise from lowest to highest, within -90 and 90 degrees")
+        if not 0 <= self.min_range < self.max_range or not self.range_noise >= 0:
+            raise UserError("sensor: ranges must be 0 <= min < max, and the noise must not be negative")
+
+    @cached_property
+    def _seconds(self) -> Array:
+        """(N,) when each ray is cast, after a scan's stamp."""
+        return np.repeat(np.arange(self.azimuths) / (self.azimuths * self.rate), self.beams)
+
+    @cached_property
+    def _directions(self) -> Array:
+        """(N, 3) turning left from x, beams lowest first."""
+        azimuth = np.linspace(-np.pi, np.pi, self.azimuths, endpoint=False)
+        elevation = np.radians(np.linspace(self.lowest_deg, self.highest_deg, self.beams))
+        return _unit(np.repeat(azimuth, self.beams), np.tile(elevation, self.azimuths))
+
     def rays(self, scan: int) -> tuple[Array, Array]:
         """Directions (N, 3), unit vectors in the sensor frame, of the scan with this number, and their times (N,) in
-        seconds after its stamp, from 0 to less than 1 / `rate`, in order of time."""
+        seconds after its stamp, from 0 to less than 1 / `rate`, in order of time. Ray i is cast by beam `i % beams`."""
+        if self.curve is None:
+            return self._directions, self._seconds
+        return _unit(*self.curve(scan / self.rate + self._seconds)), self._seconds
 
     def scan(self, scene: Scene, T_bim_sensor: Array, rng: np.random.Generator, number: int = 0) -> Points:
         """(N, 3) points in the sensor frame, all measured at one instant: no motion distortion."""
@@ -77,60 +107,6 @@ class Sensor(ABC):
         return (directions[seen] * measured[:, None]).astype(np.float32), seen
 
 
-@dataclass(frozen=True)
-class SpinningSensor(Sensor):
-    """Beams one over another that turn about the z axis, all scans alike. Angles in degrees."""
-
-    beams: int = 16
-    lowest_deg: float = -15.0
-    highest_deg: float = 15.0
-    azimuths: int = 900
-    range_noise: float = 0.02
-    min_range: float = 0.3
-    max_range: float = 100.0
-    rate: float = 10.0
-
-    def __post_init__(self) -> None:
-        """Raises UserError for an impossible sensor."""
-        if self.beams < 1 or self.azimuths < 1 or not self.rate > 0:
-            raise UserError("sensor: beams, azimuths and rate must be positive")
-        if not -90 <= self.lowest_deg <= self.highest_deg <= 90:
-            raise UserError("sensor: elevations must rise from lowest to highest, within -90 and 90 degrees")
-        if not 0 <= self.min_range < self.max_range or not self.range_noise >= 0:
-            raise UserError("sensor: ranges must be 0 <= min < max, and the noise must not be negative")
-
-    @cached_property
-    def _rays(self) -> tuple[Array, Array]:
-        """Turning left from x, beams lowest first."""
-        azimuth = np.linspace(-np.pi, np.pi, self.azimuths, endpoint=False)
-        elevation = np.radians(np.linspace(self.lowest_deg, self.highest_deg, self.beams))
-        a, e = (angle.ravel() for angle in np.meshgrid(azimuth, elevation, indexing="ij"))
-        return _unit(a, e), np.repeat(np.arange(self.azimuths) / (self.azimuths * self.rate), self.beams)
-
-    def rays(self, scan: int) -> tuple[Array, Array]:
-        return self._rays
-
-
-@dataclass(frozen=True)
-class PatternSensor(Sensor):
-    """Rays along a curve that does not repeat from scan to scan.
-
-    `curve` gives azimuth and elevation (N,), radians, at times (N,) in seconds since the drive's beginning.
-    """
-
-    curve: Callable[[Array], tuple[Array, Array]]
-    points: int
-    beams: int = 1
-    range_noise: float = 0.02
-    min_range: float = 0.3
-    max_range: float = 70.0
-    rate: float = 10.0
-
-    def rays(self, scan: int) -> tuple[Array, Array]:
-        seconds = np.arange(self.points) / (self.points * self.rate)
-        return _unit(*self.curve(scan / self.rate + seconds)), seconds
-
-
 def _unit(azimuth: Array, elevation: Array) -> Array:
     """(N, 3) unit vectors."""
     level = np.cos(elevation)
@@ -157,15 +133,15 @@ def rosette(t: Array) -> tuple[Array, Array]:
     return np.radians(35.0) * right, np.radians(38.5) * up
 
 
-VLP_16 = SpinningSensor()
+VLP_16 = Sensor()
 # by the names of products that they resemble; all with the same noise, so that a comparison shows what the pattern does
 SENSORS: dict[str, Sensor] = {
     "VLP-16": VLP_16,
-    "OS0-32": SpinningSensor(32, -45.0, 45.0, 1024, max_range=50.0),
-    "OS1-64": SpinningSensor(64, -22.5, 22.5, 512),  # its mode of 512 azimuths
-    "XT32": SpinningSensor(32, -16.0, 15.0, 1000),
-    "Mid-360": PatternSensor(dome, 20_000),
-    "sector": PatternSensor(rosette, 24_000),
+    "OS0-32": Sensor(32, -45.0, 45.0, 1024, max_range=50.0),
+    "OS1-64": Sensor(64, -22.5, 22.5, 512),  # its mode of 512 azimuths
+    "XT32": Sensor(32, -16.0, 15.0, 1000),
+    "Mid-360": Sensor(1, azimuths=20_000, max_range=70.0, curve=dome),
+    "sector": Sensor(1, azimuths=24_000, max_range=70.0, curve=rosette),
 }
 
 
@@ -179,9 +155,7 @@ def sensor_named(name: str) -> Sensor:
 
 def described(sensor: Sensor) -> dict[str, object]:
     """The sensor's settings, for JSON."""
-    assert is_dataclass(sensor) and not isinstance(sensor, type)
-    settings = {field.name: getattr(sensor, field.name) for field in fields(sensor)}
-    return {name: getattr(value, "__name__", value) for name, value in settings.items()}
+    return asdict(replace(sensor, curve=None)) | {"curve": getattr(sensor.curve, "__name__", None)}
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from data.ifc.graph import read_ifc
 from data.ifc.products import IfcProduct, open_ifc, products
 from data.ifc.rooms import STAIRS
 from data.plans.mesh_plan import is_mesh, read_mesh
+from data.scene_graph import Room
 from data.simulation.as_built import as_built, recut
 from data.simulation.changes import AS_PLANNED, Change, Changes, draw_changes, draw_tolerances, of_class
 
@@ -144,18 +145,16 @@ def _storey_model(
 def _rooms_between_walls(path: Path | str, storey: str) -> tuple[Space, ...]:
     """The rooms of a storey (GlobalId) without spaces, as its A-graph has them."""
     graph, _ = read_ifc(path)
-    z = next((floor.elevation for floor in graph.floors if floor.id == storey), None)
+    z = next((floor.elevation for floor in graph.floors if floor.id == storey), None) or 0.0
     rooms = [room for room in graph.rooms if room.floor == storey and room.polygon is not None]
-    floors = [_level(shapely.Polygon(room.polygon), z or 0.0) for room in rooms]
-    return tuple(
-        Space(RoomLabel(room.id, room.name, room.name), floor, floor[:0])
-        for room, floor in zip(rooms, floors, strict=True)
-    )
+    return tuple(_flat_space(room, shapely.Polygon(room.polygon), z) for room in rooms)
 
 
-def _level(area: Area, z: float) -> Triangles:
+def _flat_space(room: Room, area: Area, *levels: float) -> Space:
+    """With a level lower face, and an upper one if its height is known too."""
     plan = triangles_of(area)
-    return np.dstack([plan, np.full(plan.shape[:2], z)])
+    low, *high = (np.dstack([plan, np.full(plan.shape[:2], z)]) for z in levels)
+    return Space(RoomLabel(room.id, room.name, room.name), low, high[0] if high else low[:0])
 
 
 def _extent(spaces: Iterable[Space]) -> tuple[Xy, Xy]:
@@ -263,12 +262,7 @@ def _mesh_storey(path: Path | str, storey: str, seed: int, tolerance: float) -> 
     if not levels:
         raise UserError(f"{path}: no level '{storey}'; it has: {', '.join(repr(name) for name in names.values())}")
     level = levels[0]
-    spaces = tuple(
-        Space(
-            RoomLabel(of.room.id, of.room.name, of.room.name), *(_level(of.area, z) for z in (level.bottom, level.top))
-        )
-        for of in level.rooms
-    )
+    spaces = tuple(_flat_space(of.room, of.area, level.bottom, level.top) for of in level.rooms)
     solid = _shifted(building.triangles, tolerance, seed) if tolerance else building.triangles
     name, no_panes = names[str(level.floor)], np.zeros(len(solid), dtype=bool)
     return StoreyModel(name, level.bottom, spaces, solid, no_panes, (), _extent(spaces))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from data.geometry.raycast import TriangleScene
 from data.scans import ScanFolder
 from data.scans.point_times import Stamped
-from data.simulation import SpinningSensor
+from data.simulation import Sensor
 from data.simulation.sensor import sensor_named
 from sgslam.config import TrackingSettings
 from sgslam.odometry.timed import Kind, TimedOdometry
@@ -34,7 +34,7 @@ def scene() -> TriangleScene:
 @functools.cache
 def spun() -> tuple[Array, Array]:
     """(N, 3) a scan in firing order, and (N,) its times."""
-    sensor = SpinningSensor(azimuths=600)
+    sensor = Sensor(azimuths=600)
     points, times = sensor.scan(scene(), pose(3, 3, 1.2, roll=0.3), np.random.default_rng(0)), sensor.rays(0)[1]
     assert len(points) == len(times)  # the room is closed
     return points.astype(float), times
