@@ -7,7 +7,8 @@ from pathlib import Path
 
 import ifcopenshell
 import numpy as np
-from ifcopenshell.util.element import copy, get_decomposition
+from ifcopenshell.api.geometry import edit_object_placement
+from ifcopenshell.util.element import get_decomposition
 from ifcopenshell.util.placement import get_local_placement
 from ifcopenshell.util.unit import calculate_unit_scale
 from numpy.typing import NDArray
@@ -64,39 +65,36 @@ def fillings(wall: ifcopenshell.entity_instance) -> Iterator[str]:
             yield fills.RelatedBuildingElement.GlobalId
 
 
-def _follow(changed: ifcopenshell.entity_instance) -> Iterator[str]:
+def _follow(changed: ifcopenshell.entity_instance) -> list[str]:
     """GlobalIds of what moves or is left out with a wall, door, window or column."""
     if changed.is_a("IfcWall"):
-        yield from fillings(changed)
-        return
-    for part in get_decomposition(changed):
-        yield part.GlobalId
-    yield from _openings(changed)
+        return list(fillings(changed))
+    return [own.GlobalId for own in (*get_decomposition(changed), *_openings(changed))]
 
 
 def recut(
     model: ifcopenshell.file, planned: list[IfcProduct], volumes: list[IfcProduct], changes: tuple[Change, ...]
 ) -> list[IfcProduct]:
     """Returns the products, with the openings of walls where the displaced doors and windows are, and without those of
-    the filled ones. The model stays as it is. `volumes` are the IfcOpeningElements.
+    the filled ones, which it changes in the model. `volumes` are the IfcOpeningElements.
 
     Raises UserError where a wall's surface cannot be made so.
     """
-    edited, volume_of = None, {volume.global_id: volume for volume in volumes}
+    volume_of = {volume.global_id: volume for volume in volumes}
     changed: dict[str, list[tuple[IfcProduct, Change]]] = {}  # the openings of walls, by their GlobalIds
-    for change in changes:
-        for opening in _openings(model.by_guid(change.id)) if change.kind in ("displaced", "filled") else ():
-            edited = edited or ifcopenshell.file.from_string(model.to_string())
-            voids = edited.by_guid(opening).VoidsElements[0]
-            changed.setdefault(voids.RelatingBuildingElement.GlobalId, []).append((volume_of[opening], change))
+    for change in (change for change in changes if change.kind in ("displaced", "filled")):
+        for opening in _openings(model.by_guid(change.id)):
+            (voids,) = opening.VoidsElements
+            wall = voids.RelatingBuildingElement.GlobalId
+            changed.setdefault(wall, []).append((volume_of[opening.GlobalId], change))
             if change.kind == "filled":
-                edited.remove(voids)
+                model.remove(voids)
             else:
-                _move(edited, edited.by_guid(opening), change.offset_in_bim)
+                _move(model, opening, change.offset_in_bim)
     products = []
     for product in planned:
-        if edited is not None and product.global_id in changed:
-            mesh = triangulated(edited.by_guid(product.global_id))
+        if product.global_id in changed:
+            mesh = triangulated(model.by_guid(product.global_id))
             if mesh is None:
                 raise UserError(f"wall {product.global_id} cannot be cut with its changed openings; give another seed")
             cut = replace(product, vertices=mesh[0], faces=mesh[1])
@@ -105,21 +103,15 @@ def recut(
     return products
 
 
-def _openings(filling: ifcopenshell.entity_instance) -> Iterator[str]:
-    """GlobalIds of the opening that a door or window fills; a column has none."""
-    for fills in filling.FillsVoids:
-        yield fills.RelatingOpeningElement.GlobalId
+def _openings(filling: ifcopenshell.entity_instance) -> list[ifcopenshell.entity_instance]:
+    """The opening that a door or window fills; a column has none."""
+    return [fills.RelatingOpeningElement for fills in filling.FillsVoids]
 
 
 def _move(model: ifcopenshell.file, product: ifcopenshell.entity_instance, offset_in_bim: tuple[float, float]) -> None:
-    """Gives the product a placement of its own: others may share the old one, or its axes or its point."""
-    old = product.ObjectPlacement
-    parent = np.eye(4) if old.PlacementRelTo is None else get_local_placement(old.PlacementRelTo)
-    shift = parent[:3, :3].T @ [*offset_in_bim, 0.0] / calculate_unit_scale(model)
-    axes = copy(model, old.RelativePlacement)
-    place = np.array(axes.Location.Coordinates) + shift
-    axes.Location = model.create_entity("IfcCartesianPoint", place.tolist())
-    product.ObjectPlacement = model.create_entity("IfcLocalPlacement", old.PlacementRelTo, axes)
+    T_bim_product = get_local_placement(product.ObjectPlacement)
+    T_bim_product[:2, 3] += np.array(offset_in_bim) / calculate_unit_scale(model)
+    edit_object_placement(model, product=product, matrix=T_bim_product, is_si=False)
 
 
 def _closed(wall: IfcProduct, planned: IfcProduct, changed: list[tuple[IfcProduct, Change]]) -> IfcProduct:

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from data.common.errors import UserError
 from data.geometry.poses import xyzquat_to_poses
 
 Array = NDArray[np.float64]
@@ -33,14 +32,6 @@ class Robot:
     yaw_acceleration: float = 1.0
     rest: float = 0.5
     stair_speed: float = 0.4
-
-    def __post_init__(self) -> None:
-        """Raises UserError for a robot that cannot move."""
-        speeds = (self.speed, self.stair_speed, self.yaw_rate)
-        if not min(self.radius, *speeds, self.acceleration, self.yaw_acceleration) > 0:
-            raise UserError("robot: radius, speeds, yaw rate and accelerations must be positive")
-        if not self.rest >= 0:
-            raise UserError("robot: rest must not be negative")
 
 
 @dataclass(frozen=True)

@@ -47,15 +47,6 @@ class Sensor:
     rate: float = 10.0
     curve: Callable[[Array], tuple[Array, Array]] | None = None
 
-    def __post_init__(self) -> None:
-        """Raises UserError for an impossible sensor."""
-        if self.beams < 1 or self.azimuths < 1 or not self.rate > 0:
-            raise UserError("sensor: beams, azimuths and rate must be positive")
-        if not -90 <= self.lowest_deg <= self.highest_deg <= 90:
-            raise UserError("sensor: elevations must rise from lowest to highest, within -90 and 90 degrees")
-        if not 0 <= self.min_range < self.max_range or not self.range_noise >= 0:
-            raise UserError("sensor: ranges must be 0 <= min < max, and the noise must not be negative")
-
     @cached_property
     def _seconds(self) -> Array:
         """(N,) when each ray is cast, after a scan's stamp."""

@@ -7,7 +7,8 @@ or on legs, and on wheels tilts with it by a small part of its angle.
 
 import shutil
 import tempfile
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from data.common.errors import UserError
 from data.common.files import write_atomically, write_json
-from data.imu import ImuSamples, write_imu
+from data.imu import write_imu
 from data.scans.writers import SCAN_WRITERS, WITH_TIMES
 from data.simulation.as_built import write_plan_without
 from data.simulation.carriers import WHEELED, Carrier
@@ -51,23 +52,18 @@ class VisitedRoom(RoomLabel):
 
 @dataclass(frozen=True, eq=False)
 class SimulatedRun:
-    """A simulated drive. `rooms` are in order of entry, starting room first; `truth` is T_bim_sensor of each scan.
-
-    `storey` is where it began, `storeys` are all of them in order. Lengths are in metres, angles in radians;
-    `start_yaw` is in the BIM frame. `changes` are the differences from the plan; `stands_off` are the offsets of all
-    walls by the effect `tolerance`.
+    """A simulated drive of `length` metres, through `storeys`. `rooms` are in order of entry, starting room first;
+    `truth` is T_bim_sensor of each scan. `changes` are the differences from the plan; `stands_off` are the offsets of
+    all walls by the effect `tolerance`.
     """
 
     out_dir: Path
-    storey: str
-    seed: int
+    storeys: tuple[str, ...]
     length: float
-    start_yaw: float
     rooms: tuple[VisitedRoom, ...]
     truth: Trajectory
-    changes: tuple[Change, ...] = ()
-    storeys: tuple[str, ...] = ()
-    stands_off: tuple[Change, ...] = ()
+    changes: tuple[Change, ...]
+    stands_off: tuple[Change, ...]
 
     @property
     def plan(self) -> Path | None:
@@ -99,6 +95,7 @@ def simulate(
     shaken_from: float | None = None,
     scan_format: str | None = None,
 ) -> SimulatedRun:
+    """Writes a drive to a new folder. Raises UserError for what cannot be, and as the readers of buildings do."""
     effects = checked(effects)
     rolling = carrier.rolling or "rolling" in effects
     scan_format = scan_format or ("ply" if rolling else "bin")
@@ -116,39 +113,40 @@ def simulate(
     truth = _truth(sensor, motion, rolling, seconds)
     stamps = truth.stamps_ns / 1e9
     ground = motion.ground(stamps)
-    rooms = _visited(way, stamps, ground)
     run = SimulatedRun(
-        out_dir=Path(out_dir),
-        storey=models[0].name,
-        seed=seed,
-        length=sum(map(curve_length, way.legs)) if seconds is None else curve_length(ground[:, :2]),
-        start_yaw=way.start_yaw,
-        rooms=rooms,
-        truth=truth,
-        changes=models[0].changes,
-        storeys=tuple(model.name for model in models),
-        stands_off=tuple(change for model in models for change in model.stands_off),
+        Path(out_dir),
+        tuple(model.name for model in models),
+        sum(map(curve_length, way.legs)) if seconds is None else curve_length(ground[:, :2]),
+        _visited(way, stamps, ground),
+        truth,
+        models[0].changes,
+        tuple(change for model in models for change in model.stands_off),
     )
-    entered = {room.id for room in rooms}
-    world = furnished(effects, way, motion, entered, float(stamps[-1]), sensor.beams, seed)
-    settings = {
-        "bim": Path(building).name,
-        "sensor": described(sensor),
-        "robot": asdict(robot),
-        "sensor_height_m": carrier.height,
-        "rolling": rolling,
-        "times_told": rolling and scan_format in WITH_TIMES,
-        "carrier": carrier.name,
-        "mount_deg": list(mount_deg),
-        "effects": sorted(effects),
-        **({} if imu is None else {"imu": imu}),
-    }
-    samples = None
-    if unit is not None:
-        samples = measured(motion.poses, float(stamps[-1]) + 1 / sensor.rate, unit, seed)
-    moving = motion if rolling else None
-    scans = (_scan(sensor, moving, T, world, k, seed) for k, T in enumerate(truth.poses))
-    _write(run, scans, samples, scan_format, settings, building)
+    world = furnished(effects, way, motion, {room.id for room in run.rooms}, float(stamps[-1]), sensor.beams, seed)
+    with _whole_folder(run.out_dir) as folder:
+        (folder / "scans").mkdir()
+        for k, T_bim_sensor in enumerate(truth.poses):
+            points, times = _scan(sensor, motion if rolling else None, T_bim_sensor, world, k, seed)
+            SCAN_WRITERS[scan_format](folder / "scans" / f"{k:06d}.{scan_format}", points, times)
+        times_file = "".join(f"{ns_to_seconds(stamp)}\n" for stamp in truth.stamps_ns.tolist())
+        write_atomically(folder / "scans" / "times.txt", times_file)
+        truth.write_tum(folder / "truth.tum")
+        if unit is not None:
+            samples = measured(motion.poses, float(stamps[-1]) + 1 / sensor.rate, unit, seed)
+            write_imu(samples, folder / "scans" / IMU)
+        for name, of in (("changes.json", run.changes), ("tolerances.json", run.stands_off)):
+            if of:
+                write_json(folder / name, [asdict(change) for change in of])
+        if unplanned := [change.id for change in run.changes if change.kind == "unplanned"]:
+            write_plan_without(building, unplanned, folder / PLAN)
+        write_json(folder / "run.json", {
+            "bim": Path(building).name, "storey": models[0].name, "storeys": run.storeys, "seed": seed,
+            "scans": len(truth), "length_m": run.length, "rooms_entered": run.rooms_entered,
+            "rooms": [asdict(room) for room in run.rooms], "sensor": described(sensor), "robot": asdict(robot),
+            "sensor_height_m": carrier.height, "rolling": rolling, "carrier": carrier.name, "imu": imu,
+            "times_told": rolling and scan_format in WITH_TIMES, "mount_deg": list(mount_deg),
+            "effects": sorted(effects),
+        })  # fmt: skip
     return run
 
 
@@ -207,37 +205,18 @@ def _visited(way: Way, stamps: Array, ground: Array) -> tuple[VisitedRoom, ...]:
     return tuple(visited)
 
 
-def _write(
-    run: SimulatedRun, scans: Iterable[tuple[Points, Points | None]], samples: ImuSamples | None, scan_format: str,
-    settings: dict[str, object], bim: Path | str,
-) -> None:  # fmt: skip
-    """Casts the rays and writes to a temporary folder, which is then renamed: all or nothing."""
+@contextmanager
+def _whole_folder(path: Path) -> Iterator[Path]:
+    """Yields a temporary folder, which is then renamed: all or nothing."""
     try:
-        run.out_dir.parent.mkdir(parents=True, exist_ok=True)
-        unfinished = Path(tempfile.mkdtemp(dir=run.out_dir.parent, prefix=f".{run.out_dir.name}."))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        unfinished = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}."))
     except OSError as error:
-        raise UserError(f"{run.out_dir}: cannot be written ({error.strerror}); give another --out") from None
+        raise UserError(f"{path}: cannot be written ({error.strerror}); give another --out") from None
     try:
-        (folder := unfinished / "scans").mkdir()
-        for i, (points, times) in enumerate(scans):
-            SCAN_WRITERS[scan_format](folder / f"{i:06d}.{scan_format}", points, times)
-        stamps = run.truth.stamps_ns.tolist()
-        write_atomically(folder / "times.txt", "".join(f"{ns_to_seconds(stamp)}\n" for stamp in stamps))
-        run.truth.write_tum(unfinished / "truth.tum")
-        if samples is not None:
-            write_imu(samples, folder / IMU)
-        for name, changes in (("changes.json", run.changes), ("tolerances.json", run.stands_off)):
-            if changes:
-                write_json(unfinished / name, [asdict(change) for change in changes])
-        if unplanned := [change.id for change in run.changes if change.kind == "unplanned"]:
-            write_plan_without(bim, unplanned, unfinished / PLAN)
-        write_json(unfinished / "run.json", {
-            "storey": run.storey, "storeys": run.storeys, "seed": run.seed, "scans": len(run.truth),
-            "length_m": run.length, "start_yaw_rad": run.start_yaw, "rooms_entered": run.rooms_entered,
-            "rooms": [asdict(room) for room in run.rooms], **settings,
-        })  # fmt: skip
+        yield unfinished
         unfinished.chmod(0o755)
-        unfinished.replace(run.out_dir)
+        unfinished.replace(path)
     except BaseException:
         shutil.rmtree(unfinished)
         raise
