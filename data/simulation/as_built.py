@@ -1,7 +1,8 @@
 """Products as built: shifted, left out, or walls cut again with their changed doors and windows; and a plan that lacks
 walls which stand."""
 
-from collections.abc import Collection, Iterator
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,25 +24,18 @@ Array = NDArray[np.float64]
 BEFORE = 0.1  # m in front of a wall, where a ray begins
 
 
-def as_built(model: ifcopenshell.file, planned: list[IfcProduct], *changes: tuple[Change, ...]) -> list[IfcProduct]:
-    """Returns the products after some changes, and others after these; fillings of a wall's openings move with it, and
-    an opening with the door or window that fills it. Gaps at a moved wall's ends stay; walls keep the openings that
-    they have in `planned`.
-    """
-    for some in changes:
-        change_of = {}
-        for change in (change for change in some if change.kind != "unplanned"):
-            change_of.update(dict.fromkeys([change.id, *_follow(model.by_guid(change.id))], change))
-        built = []
-        for product in planned:
-            own = change_of.get(product.global_id)
-            if own is None:
-                built.append(product)
-            elif own.kind not in ("absent", "filled"):
-                offset = np.array([*own.offset_in_bim, 0.0])
-                built.append(replace(product, vertices=product.vertices + offset))
-        planned = built
-    return planned
+def as_built(model: ifcopenshell.file, planned: list[IfcProduct], changes: Iterable[Change]) -> list[IfcProduct]:
+    """Returns the products after changes; fillings of a wall's openings move with it, and an opening with the door or
+    window that fills it. Gaps at a moved wall's ends stay; walls keep the openings that they have in `planned`."""
+    gone, shifts = set[str](), defaultdict[str, list[Array]](list)
+    for change in (change for change in changes if change.kind != "unplanned"):
+        for key in (change.id, *_follow(model.by_guid(change.id))):
+            if change.kind in ("absent", "filled"):
+                gone.add(key)
+            else:
+                shifts[key].append(np.array([*change.offset_in_bim, 0.0]))
+    stand = (product for product in planned if product.global_id not in gone)
+    return [replace(product, vertices=sum(shifts[product.global_id], product.vertices)) for product in stand]
 
 
 def write_plan_without(ifc: Path | str, walls: Collection[str], path: Path | str) -> None:

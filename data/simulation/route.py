@@ -11,7 +11,7 @@ from skimage.graph import MCP_Geometric
 
 from data.common.errors import UserError
 from data.geometry.raycast import TriangleScene
-from data.simulation.storey_model import RoomLabel, Space, StoreyModel, Triangles
+from data.simulation.storey_model import Space, StoreyModel, Triangles
 
 CELL = 0.05  # m
 LOWEST = 0.15  # m above the floor: lower things are driven over
@@ -39,13 +39,12 @@ class Grid:
     """Cell (row, column) has its centre at `origin + CELL * (column, row)`, x y in the BIM frame.
 
     `clearance` (H, W) is the distance in metres to the nearest obstacle or edge of the interior; `room`
-    (H, W) is the index into `rooms` of the room entered there, -1 where there is none.
+    (H, W) is the index of the storey's space entered there, -1 where there is none.
     """
 
     origin: NDArray[np.float64]
     clearance: NDArray[np.float64]
     room: NDArray[np.int32]
-    rooms: tuple[RoomLabel, ...]
 
     def to_xy(self, cells: NDArray[np.int_]) -> NDArray[np.float64]:
         """(..., 2) rows and columns to x y in the BIM frame."""
@@ -66,7 +65,7 @@ class Grid:
         return np.asarray(ndimage.map_coordinates(self.clearance, at, order=1, mode="nearest"))
 
     def room_at(self, xy: NDArray[np.float64]) -> NDArray[np.int32]:
-        """(N,) indices into `rooms`, -1 for none, at x y (N, 2)."""
+        """(N,) indices of spaces, -1 for none, at x y (N, 2)."""
         rows, columns = self.to_cells(xy).T
         return self.room[rows, columns]
 
@@ -90,7 +89,7 @@ def build_grid(storey: StoreyModel, scene: TriangleScene, height: float) -> Grid
     floor = _floor(interior, origin, storey.level, scene)
     floored = cv2.morphologyEx(floor, cv2.MORPH_CLOSE, reach)
     clearance = ndimage.distance_transform_edt((walls == 0) & (interior > 0) & (floored > 0)) * CELL
-    return Grid(origin, clearance, _well_inside(footprint), tuple(s.label for s in storey.spaces))
+    return Grid(origin, clearance, _well_inside(footprint))
 
 
 def _slice(triangles: Triangles, low: float, high: float) -> Triangles:
@@ -144,9 +143,8 @@ def _floor(
     """1 in the cells of the interior that have a floor within STEP of the level: not over stairwells."""
     cells = np.argwhere(interior)
     above = np.column_stack([origin + CELL * cells[:, ::-1], np.full(len(cells), level + STEP)])
-    down = np.tile([0.0, 0.0, -1.0], (len(cells), 1))
     floor = np.zeros_like(interior)
-    floor[tuple(cells.T)] = scene.distances(above, down) <= 2 * STEP
+    floor[tuple(cells.T)] = scene.distances(above, np.array([0.0, 0.0, -1.0])) <= 2 * STEP
     return floor
 
 

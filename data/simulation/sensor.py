@@ -48,54 +48,41 @@ class Sensor:
     curve: Callable[[Array], tuple[Array, Array]] | None = None
 
     @cached_property
-    def _seconds(self) -> Array:
-        """(N,) when each ray is cast, after a scan's stamp."""
-        return np.repeat(np.arange(self.azimuths) / (self.azimuths * self.rate), self.beams)
+    def instants(self) -> Array:
+        """(M,) the times at which the beams are cast, in seconds after a scan's stamp."""
+        return np.arange(self.azimuths) / (self.azimuths * self.rate)
 
     @cached_property
-    def _directions(self) -> Array:
+    def seconds(self) -> Array:
+        """(N,) when each ray is cast, likewise. Ray i is cast by beam `i % beams`."""
+        return np.repeat(self.instants, self.beams)
+
+    @cached_property
+    def _spun(self) -> Array:
         """(N, 3) turning left from x, beams lowest first."""
         azimuth = np.linspace(-np.pi, np.pi, self.azimuths, endpoint=False)
         elevation = np.radians(np.linspace(self.lowest_deg, self.highest_deg, self.beams))
         return _unit(np.repeat(azimuth, self.beams), np.tile(elevation, self.azimuths))
 
-    def rays(self, scan: int) -> tuple[Array, Array]:
-        """Directions (N, 3), unit vectors in the sensor frame, of the scan with this number, and their times (N,) in
-        seconds after its stamp, from 0 to less than 1 / `rate`, in order of time. Ray i is cast by beam `i % beams`."""
-        if self.curve is None:
-            return self._directions, self._seconds
-        return _unit(*self.curve(scan / self.rate + self._seconds)), self._seconds
+    def rays(self, scan: int) -> Array:
+        """(N, 3) directions, unit vectors in the sensor frame, of the scan with this number."""
+        return self._spun if self.curve is None else _unit(*self.curve(scan / self.rate + self.seconds))
 
-    def scan(self, scene: Scene, T_bim_sensor: Array, rng: np.random.Generator, number: int = 0) -> Points:
-        """(N, 3) points in the sensor frame, all measured at one instant: no motion distortion."""
-        directions, _ = self.rays(number)
-        ranges = scene.distances(T_bim_sensor[:3, 3], directions @ T_bim_sensor[:3, :3].T)
-        return self._points(directions, ranges, rng)[0]
-
-    def moving_scan(
-        self, scene: Scene, T_bim_sensor: Array, rng: np.random.Generator, number: int
+    def scan(
+        self, scene: Scene, T_bim_sensor: Array, rng: np.random.Generator, number: int = 0
     ) -> tuple[Points, NDArray[np.float32]]:
-        """A scan of a sensor that moves meanwhile: `T_bim_sensor` (M, 4, 4) are its poses at its `instants`.
-
-        Returns (N, 3) points, each in the sensor's frame at its own time, and (N,) these times in seconds after the
-        stamp.
-        """
-        directions, seconds = self.rays(number)
-        T = T_bim_sensor[np.cumsum(np.diff(seconds, prepend=-1.0) > 0) - 1]
-        turned = np.einsum("nij,nj->ni", T[:, :3, :3], directions)
-        points, seen = self._points(directions, scene.distances(T[:, :3, 3], turned), rng)
-        return points, seconds[seen].astype(np.float32)
-
-    def instants(self, number: int) -> Array:
-        """(M,) the different times of a scan's rays, in order."""
-        seconds = self.rays(number)[1]
-        return seconds[np.diff(seconds, prepend=-1.0) > 0]
-
-    def _points(self, directions: Array, ranges: Array, rng: np.random.Generator) -> tuple[Points, NDArray[np.bool_]]:
-        """Noisy points of those rays that return, and which do."""
+        """(N, 3) noisy points of the rays that return, each in the sensor's frame at its own time, and (N,) these times
+        in seconds after the stamp. `T_bim_sensor` (M, 4, 4) are the sensor's poses at the `instants`; one (4, 4): it
+        stands still."""
+        directions = self.rays(number)
+        if T_bim_sensor.ndim == 2:
+            ranges = scene.distances(T_bim_sensor[:3, 3], directions @ T_bim_sensor[:3, :3].T)
+        else:
+            T = np.repeat(T_bim_sensor, self.beams, axis=0)
+            ranges = scene.distances(T[:, :3, 3], np.einsum("nij,nj->ni", T[:, :3, :3], directions))
         seen = (ranges >= self.min_range) & (ranges <= self.max_range)
         measured = ranges[seen] + rng.normal(0.0, self.range_noise, int(seen.sum()))
-        return (directions[seen] * measured[:, None]).astype(np.float32), seen
+        return (directions[seen] * measured[:, None]).astype(np.float32), self.seconds[seen].astype(np.float32)
 
 
 def _unit(azimuth: Array, elevation: Array) -> Array:

@@ -24,11 +24,11 @@ from data.simulation.as_built import write_plan_without
 from data.simulation.carriers import WHEELED, Carrier
 from data.simulation.changes import AS_PLANNED, Change, Changes
 from data.simulation.drive import Motion, plan_drive
-from data.simulation.effects import World, checked, furnished, noisy
+from data.simulation.effects import checked, furnished, noisy
 from data.simulation.furniture import RISE
 from data.simulation.route import curve_length
-from data.simulation.sensor import VLP_16, Points, Sensor, described, imu_named, measured
-from data.simulation.storey_model import RoomLabel, load_storeys
+from data.simulation.sensor import VLP_16, Sensor, described, imu_named, measured
+from data.simulation.storey_model import load_storeys
 from data.simulation.way import Way, way_through
 from data.trajectory import Trajectory
 from data.trajectory.stamps import ns_to_seconds
@@ -43,11 +43,13 @@ SENSOR_TOP = 0.1  # m: half a sensor's height
 
 
 @dataclass(frozen=True)
-class VisitedRoom(RoomLabel):
-    """A room, the time (s) at which the robot first entered it, and the name of its storey."""
+class VisitedRoom:
+    """A room, the time (s) at which the robot entered it, and the name of its storey."""
 
-    entered_s: float = 0.0
-    storey: str = ""
+    id: str
+    name: str
+    entered_s: float
+    storey: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,8 +128,11 @@ def simulate(
     with _whole_folder(run.out_dir) as folder:
         (folder / "scans").mkdir()
         for k, T_bim_sensor in enumerate(truth.poses):
-            points, times = _scan(sensor, motion if rolling else None, T_bim_sensor, world, k, seed)
-            SCAN_WRITERS[scan_format](folder / "scans" / f"{k:06d}.{scan_format}", points, times)
+            rng, chance, stamp = np.random.default_rng([seed, k]), np.random.default_rng([seed, k, 41]), k / sensor.rate
+            scene = world.at(stamp + sensor.seconds if rolling else stamp, chance)
+            T = motion.poses(stamp + sensor.instants) if rolling else T_bim_sensor
+            points, times = sensor.scan(scene, T, rng, k)
+            SCAN_WRITERS[scan_format](folder / "scans" / f"{k:06d}.{scan_format}", points, times if rolling else None)
         times_file = "".join(f"{ns_to_seconds(stamp)}\n" for stamp in truth.stamps_ns.tolist())
         write_atomically(folder / "scans" / "times.txt", times_file)
         truth.write_tum(folder / "truth.tum")
@@ -158,20 +163,8 @@ def _truth(sensor: Sensor, motion: Motion, rolling: bool, seconds: float | None)
     stamps = np.arange(count) / sensor.rate
     poses = motion.poses(stamps)
     if rolling:  # on stairs, attitudes are those of the way during a scan
-        poses = np.concatenate([motion.poses(stamps[k] + sensor.instants(k)[:2])[:1] for k in range(count)])
+        poses = np.concatenate([motion.poses(stamps[k] + sensor.instants[:2])[:1] for k in range(count)])
     return Trajectory(np.rint(stamps * 1e9).astype(np.int64), poses)
-
-
-def _scan(
-    sensor: Sensor, motion: Motion | None, T_bim_sensor: Array, world: World, k: int, seed: int
-) -> tuple[Points, Points | None]:
-    """Points (N, 3) of scan k and, if the sensor moves meanwhile, their times (N,) in seconds after the stamp."""
-    rng, chance = np.random.default_rng([seed, k]), np.random.default_rng([seed, k, 41])
-    stamp = k / sensor.rate
-    if motion is None:
-        return sensor.scan(world.at(stamp, chance), T_bim_sensor, rng, k), None
-    scene = world.at(stamp + sensor.rays(k)[1], chance)
-    return sensor.moving_scan(scene, motion.poses(stamp + sensor.instants(k)), rng, k)
 
 
 def _check(out: Path, carrier: Carrier, scan_format: str, seed: int, seconds: float | None) -> None:
@@ -199,9 +192,9 @@ def _visited(way: Way, stamps: Array, ground: Array) -> tuple[VisitedRoom, ...]:
         entered[row, on] = planner.grid.room_at(ground[on, :2])
     for stamp, of in zip(stamps, entered.T, strict=True):
         for k, planner in zip(of, way.planners, strict=True):
-            room = planner.grid.rooms[k]
+            room = planner.model.spaces[k]
             if k >= 0 and (not visited or visited[-1].id != room.id):
-                visited.append(VisitedRoom(**asdict(room), entered_s=float(stamp), storey=planner.model.name))
+                visited.append(VisitedRoom(room.id, room.name, float(stamp), planner.model.name))
     return tuple(visited)
 
 

@@ -31,19 +31,11 @@ FLOOR_SEARCH = 0.6  # m: a floor or ceiling lies this close to the lower or uppe
 
 
 @dataclass(frozen=True)
-class RoomLabel:
-    """GlobalId, Name and LongName of an IfcSpace."""
+class Space:
+    """A room: its lower and upper faces, in the BIM frame; the id is an IfcSpace's GlobalId."""
 
     id: str
-    name: str = ""
-    long_name: str = ""
-
-
-@dataclass(frozen=True)
-class Space:
-    """A room: its lower and upper faces, in the BIM frame."""
-
-    label: RoomLabel
+    name: str
     bottom: Triangles
     top: Triangles
 
@@ -97,12 +89,10 @@ def load_storeys(
 
     @cache
     def read(storey: ifcopenshell.entity_instance) -> StoreyModel:
-        rooms = (_space(model.by_guid(p.global_id), p) for p in others["IfcSpace"] if p.storey == storey.GlobalId)
+        rooms = (_space(p) for p in others["IfcSpace"] if p.storey == storey.GlobalId)
         spaces = tuple(space for space in rooms if len(space.bottom)) or _rooms_between_walls(path, storey.GlobalId)
         if not spaces:
-            raise UserError(
-                f"storey '{storey.Name or storey.GlobalId}' has no rooms to drive in; choose another storey"
-            )
+            raise UserError(f"storey '{storey.Name or storey.GlobalId}' has no rooms to drive in; choose another one")
         return _storey_model(model, storey, spaces, solid, others, changes, seed, tolerance)
 
     return [read(storey) for storey in entities]
@@ -121,7 +111,7 @@ def _storey_model(
     made = draw_changes(model, here(planned), openings, changes, seed) if changes.any else ()
     shifts = draw_tolerances(of_class(model, here(planned), "IfcWall"), tolerance, seed) if tolerance else ()
     cut = recut(model, planned, openings, made)
-    solid = as_built(model, cut, made, shifts)
+    solid = as_built(model, cut, (*made, *shifts))
     triangles = np.concatenate([p.triangles for p in solid])
     panes = np.concatenate([np.full(len(p.faces), _is_pane(model.by_guid(p.global_id))) for p in solid])
     stairs = [p.triangles for p in solid if p.ifc_class in STAIRS]
@@ -134,7 +124,7 @@ def _storey_model(
     extent = _extent(spaces)
     level = _measured_floor(TriangleScene(triangles), level, extent)
     glazed = np.pad(panes, (0, len(triangles) - len(panes)))
-    leaves = tuple(p.triangles for p in here(as_built(model, others["IfcDoor"], made, shifts)))
+    leaves = tuple(p.triangles for p in here(as_built(model, others["IfcDoor"], (*made, *shifts))))
     walls = tuple(of_class(model, here(cut), "IfcWall"))
     return StoreyModel(
         storey.Name or "", level, spaces, triangles, glazed, leaves, extent, made, walls,
@@ -154,7 +144,7 @@ def _flat_space(room: Room, area: Area, *levels: float) -> Space:
     """With a level lower face, and an upper one if its height is known too."""
     plan = triangles_of(area)
     low, *high = (np.dstack([plan, np.full(plan.shape[:2], z)]) for z in levels)
-    return Space(RoomLabel(room.id, room.name, room.name), low, high[0] if high else low[:0])
+    return Space(room.id, room.name, low, high[0] if high else low[:0])
 
 
 def _extent(spaces: Iterable[Space]) -> tuple[Xy, Xy]:
@@ -184,14 +174,13 @@ def _is_pane(entity: ifcopenshell.entity_instance) -> bool:
     return bool(of_curtain) or _is_any(entity, ("IfcWindow", "IfcCurtainWall"))
 
 
-def _space(entity: ifcopenshell.entity_instance, product: IfcProduct) -> Space:
+def _space(product: IfcProduct) -> Space:
     triangles = product.triangles
     normals = area_normals(triangles)
     level = np.abs(normals[:, 2]) > 0.5 * np.linalg.norm(normals, axis=1)
     middle = (product.vertices[:, 2].min() + product.vertices[:, 2].max()) / 2
     low = triangles[:, :, 2].mean(axis=1) < middle
-    label = RoomLabel(product.global_id, product.name, entity.LongName or "")
-    return Space(label, triangles[level & low], triangles[level & ~low])
+    return Space(product.global_id, product.name, triangles[level & low], triangles[level & ~low])
 
 
 def _floor_of_spaces(spaces: tuple[Space, ...]) -> float:
@@ -207,7 +196,7 @@ def _measured_floor(scene: TriangleScene, level: float, extent: tuple[Xy, Xy]) -
     """The z that most rays down from FLOOR_SEARCH above the level hit; the level if hardly any hit."""
     xy = np.random.default_rng(0).uniform(*extent, (5000, 2))
     origins = np.column_stack([xy, np.full(len(xy), level + FLOOR_SEARCH)])
-    z = level + FLOOR_SEARCH - scene.distances(origins, np.tile([0.0, 0.0, -1.0], (len(xy), 1)))
+    z = level + FLOOR_SEARCH - scene.distances(origins, np.array([0.0, 0.0, -1.0]))
     z = z[np.abs(z - level) < FLOOR_SEARCH - 0.01]  # origins inside of things see these things' lower faces
     if len(z) < 0.1 * len(xy):
         return level
@@ -235,7 +224,7 @@ def _covered(scene: TriangleScene, faces: Triangles, sign: float) -> float:
     chosen = faces[rng.choice(len(faces), 200, p=area / area.sum())]
     weights = rng.dirichlet(np.ones(3), 200)
     points = np.einsum("nk,nkd->nd", weights, chosen) - [0, 0, sign * 0.3]
-    return float(np.mean(scene.distances(points, np.tile([0.0, 0.0, sign], (200, 1))) < 0.3 + FLOOR_SEARCH))
+    return float(np.mean(scene.distances(points, np.array([0.0, 0.0, sign])) < 0.3 + FLOOR_SEARCH))
 
 
 def _stair_crosses(faces: Triangles, stairs: list[Triangles]) -> bool:

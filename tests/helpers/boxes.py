@@ -43,4 +43,4 @@ def pose(x: float, y: float, z: float = 0.8, yaw: float = 0.0, pitch: float = 0.
 
 def scan(scene: TriangleScene, T_scene_sensor: Array, sensor: Sensor | None = None, seed: int = 0) -> Array:
     """(N, 3) points in the sensor frame, 2 cm noise."""
-    return (sensor or Sensor()).scan(scene, T_scene_sensor, np.random.default_rng(seed)).astype(float)
+    return (sensor or Sensor()).scan(scene, T_scene_sensor, np.random.default_rng(seed))[0].astype(float)

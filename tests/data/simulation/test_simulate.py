@@ -133,7 +133,7 @@ def test_ranges_of_the_sensor_and_their_noise() -> None:
     scene = TriangleScene(np.array([[square[0], square[1], square[2]], [square[0], square[2], square[3]]]))
 
     def seen(noise: float = 0.0, **limits: Any) -> Array:
-        return Sensor(range_noise=noise, **limits).scan(scene, np.eye(4), np.random.default_rng(0)).astype(float)
+        return Sensor(range_noise=noise, **limits).scan(scene, np.eye(4), np.random.default_rng(0))[0].astype(float)
 
     points = seen(max_range=8.0)
     ranges = np.linalg.norm(points, axis=1)

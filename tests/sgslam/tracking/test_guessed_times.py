@@ -35,7 +35,7 @@ def scene() -> TriangleScene:
 def spun() -> tuple[Array, Array]:
     """(N, 3) a scan in firing order, and (N,) its times."""
     sensor = Sensor(azimuths=600)
-    points, times = sensor.scan(scene(), pose(3, 3, 1.2, roll=0.3), np.random.default_rng(0)), sensor.rays(0)[1]
+    points, times = sensor.scan(scene(), pose(3, 3, 1.2, roll=0.3), np.random.default_rng(0))[0], sensor.seconds
     assert len(points) == len(times)  # the room is closed
     return points.astype(float), times
 
@@ -101,7 +101,7 @@ def test_a_scan_of_less_or_more_than_a_turn(turns: float, told: bool) -> None:
 
 
 OTHERS = {"rosette": rosette(22.6, 13.7), "rosette back": rosette(40.2, -33.3)}
-OTHERS["Mid-360"] = looking(sensor_named("Mid-360").rays(0)[0])
+OTHERS["Mid-360"] = looking(sensor_named("Mid-360").rays(0))
 
 
 @pytest.mark.parametrize("sensor", OTHERS)
