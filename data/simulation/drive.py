@@ -36,23 +36,11 @@ class Robot:
 
 @dataclass(frozen=True)
 class Drive:
-    """A drive from rest to rest."""
+    """A drive of `duration` seconds from rest to rest; `at` gives x y yaw z (N, 4) of the ground at times (N,) that
+    increase, clipped to the drive."""
 
-    phases: tuple[Phase, ...]
-
-    @property
-    def duration(self) -> float:
-        """Seconds from the beginning to the end."""
-        return float(np.cumsum([seconds for seconds, _ in self.phases])[-1])
-
-    def at(self, seconds: Array) -> Array:
-        """(N, 4) x y yaw z at times (N,) that increase, seconds since the beginning; clipped to the drive."""
-        seconds = np.clip(seconds, 0.0, self.duration)
-        durations = [duration for duration, _ in self.phases]
-        ends = np.cumsum(durations)
-        phase = np.minimum(np.searchsorted(ends, seconds, side="right"), len(ends) - 1)
-        parts = [self.phases[k][1](seconds[phase == k] - (ends - durations)[k]) for k in np.unique(phase)]
-        return np.concatenate(parts)
+    duration: float
+    at: Callable[[Array], Array]
 
 
 def plan_drive(legs: Sequence[Array], start_yaw: float, robot: Robot) -> Drive:
@@ -68,7 +56,16 @@ def plan_drive(legs: Sequence[Array], start_yaw: float, robot: Robot) -> Drive:
         headings += yaw + turn - headings[0]
         phases += [_turn(leg[0], yaw, turn, robot), _follow(leg, headings, robot)]
         yaw = float(headings[-1])
-    return Drive((*phases, _stand(legs[-1][-1], yaw, robot.rest)))
+    phases.append(_stand(legs[-1][-1], yaw, robot.rest))
+    durations = [duration for duration, _ in phases]
+    ends = np.cumsum(durations)
+
+    def at(seconds: Array) -> Array:
+        seconds = np.clip(seconds, 0.0, ends[-1])
+        phase = np.minimum(np.searchsorted(ends, seconds, side="right"), len(ends) - 1)
+        return np.concatenate([phases[k][1](seconds[phase == k] - (ends - durations)[k]) for k in np.unique(phase)])
+
+    return Drive(float(ends[-1]), at)
 
 
 def _stand(place: Array, yaw: float, duration: float) -> Phase:
