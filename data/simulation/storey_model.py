@@ -229,14 +229,10 @@ def _covered(scene: TriangleScene, faces: Triangles, sign: float) -> float:
 
 def _stair_crosses(faces: Triangles, stairs: list[Triangles]) -> bool:
     corners = faces.reshape(-1, 3)
-    z = corners[:, 2].mean()
-    low, high = corners[:, :2].min(axis=0) + 0.1, corners[:, :2].max(axis=0) - 0.1
-    for stair in stairs:
-        points = stair.reshape(-1, 3)
-        apart = np.any(points[:, :2].max(axis=0) < low) or np.any(points[:, :2].min(axis=0) > high)
-        if not apart and points[:, 2].min() < z - 0.5 and points[:, 2].max() > z - 0.3:
-            return True
-    return False
+    low, high = corners.min(axis=0) + 0.1, corners.max(axis=0) - 0.1
+    low[2], high[2] = (corners[:, 2].mean() + beyond for beyond in (-0.3, -0.5))
+    boxes = ((stair.min(axis=(0, 1)), stair.max(axis=(0, 1))) for stair in stairs)
+    return any((least <= high).all() and (most >= low).all() for least, most in boxes)
 
 
 def _mesh_storey(path: Path | str, storey: str, seed: int, tolerance: float) -> StoreyModel:
