@@ -90,7 +90,7 @@ def _wings(rng: Rng, rooms: int, branches: int) -> list[Cell]:
 
 def _skewed(cells: Sequence[Cell], rng: Rng) -> list[Cell]:
     """The cells sheared and narrowed; straight walls stay straight."""
-    x0, y0, x1, y1 = shapely.total_bounds(np.array([c.area for c in cells], dtype=object)).tolist()
+    x0, y0, x1, y1 = shapely.total_bounds([c.area for c in cells]).tolist()
     shear = float(rng.uniform(-0.3, 0.3))
     narrowing = rng.uniform(-0.25, 0.25, 2) / max(x1 - x0, y1 - y0)
 
@@ -110,7 +110,7 @@ def _single(kind: str, rng: Rng, plain: bool) -> list[Storey]:
 def _mirrored_twins(kind: str, rng: Rng, plain: bool) -> list[Storey]:
     """A half and its mirror image, wall to wall or with stairs or a gap between them."""
     (half,) = _single(kind, rng, plain)
-    _, y0, x1, y1 = half.bounds()
+    _, y0, x1, y1 = shapely.total_bounds(half.rooms).tolist()
     gap = float(rng.choice([0.24, 0.3, 3.2, 12.0])) if rng.random() < 0.9 else float(rng.uniform(0.2, 20.0))
     both = half.joined(half.moved(np.diag([-1.0, 1.0]), (2 * x1 + gap, 0.0)))
     if 2.5 < gap < 4.0:
