@@ -14,26 +14,15 @@ motion distortion, unless `--effects rolling`; a person's is measured while the 
 import argparse
 from dataclasses import fields, replace
 
-import numpy as np
-
 from data.common.cli import Parser, run_command
 from data.plans.mesh_plan import MESH_SUFFIXES
 from data.scans.writers import SCAN_WRITERS
 from data.simulation import Changes
 from data.simulation.carriers import CARRIERS, carrier_named
+from data.simulation.changes import AS_PLANNED
 from data.simulation.effects import ALL, EFFECTS
 from data.simulation.sensor import IMUS, SENSORS, sensor_named
 from data.simulation.simulate import IMU, simulate
-
-_CHANGED = {  # options, the fields of `Changes` that they are, and what these are shares of
-    "moved-walls": ("moved", "walls that are moved"),
-    "absent-walls": ("absent", "walls that are absent"),
-    "unplanned-walls": ("unplanned", "walls that are missing in the plan"),
-    "displaced-openings": ("openings_displaced", "doors and windows that are displaced along their wall"),
-    "filled-openings": ("openings_filled", "doors and windows that are walled up"),
-    "displaced-columns": ("columns_displaced", "columns that are displaced"),
-    "absent-columns": ("columns_absent", "columns that are absent"),
-}
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -55,8 +44,10 @@ def _parser() -> argparse.ArgumentParser:
     add("--seed", type=int, default=0, help="random seed; the same seed gives the same bytes (default 0)")
     number("--min-rooms", "N", "number of rooms to enter (default 8, or all if fewer)", 8)
     number("--min-length", "M", "minimum length of drive in metres (default 120)", 120.0)
-    for name, (share, what) in _CHANGED.items():
-        number(f"--{name}", "SHARE", f"share of {what} (default 0)", 0.0, share)
+    for elements, shares in AS_PLANNED.shares.items():
+        for kind in shares:
+            field = kind if elements == "walls" else f"{elements}_{kind}"
+            number(f"--{kind}-{elements}", "SHARE", f"share of {elements} that are {kind} (default 0)", 0.0, field)
     number("--moved-by", "M", "metres by which each wall is moved (default: 0.1 to 0.3 at random)")
     number("--displaced-by", "M", "metres by which openings and columns are displaced (default 0.1)", 0.1)
     number("--seconds", "S", "end the drive after this time in seconds")
@@ -77,14 +68,12 @@ def _parser() -> argparse.ArgumentParser:
 def _angles(text: str) -> tuple[float, float, float]:
     try:
         roll, pitch, yaw = (float(part) for part in text.split(","))
+        if all(abs(angle) <= 360.0 for angle in (roll, pitch, yaw)):
+            return roll, pitch, yaw
     except ValueError:
-        form = "write roll,pitch,yaw in degrees, e.g. 180,0,0"
-        raise argparse.ArgumentTypeError(f"'{text}' is not three angles; {form}") from None
-    if not np.isfinite([roll, pitch, yaw]).all():
-        raise argparse.ArgumentTypeError(f"'{text}': give finite numbers for roll, pitch and yaw")
-    if max(abs(roll), abs(pitch), abs(yaw)) > 360.0:
-        raise argparse.ArgumentTypeError(f"'{text}': give roll, pitch and yaw in degrees, each from -360 to 360")
-    return roll, pitch, yaw
+        pass
+    about = "write roll,pitch,yaw in degrees, each from -360 to 360, e.g. 180,0,0"
+    raise argparse.ArgumentTypeError(f"'{text}' is not three angles; {about}")
 
 
 def main() -> int:

@@ -125,17 +125,17 @@ def _wall_building(name: str, work: Path) -> Path:
     path = work / f"walls_{name}.ifc"
     with locked(path):
         if not path.exists():
-            write_wall_building(_generated(name), path, int(name.rpartition("_")[2]))
+            write_wall_building(_generated(name, plain=True), path, int(name.rpartition("_")[2]))
     return path
 
 
-def _generated(name: str) -> SceneGraph:
+def _generated(name: str, plain: bool = False) -> SceneGraph:
     from data.generation.buildings import KINDS, generate_plan
 
     kind, _, seed = name.rpartition("_")
     if kind not in KINDS or not seed.isdecimal():
         raise UserError(f"no building '{GENERATED}{name}'; give KIND_SEED with a kind of {', '.join(KINDS)}")
-    return generate_plan(kind, int(seed)).graph
+    return generate_plan(kind, int(seed), plain).graph
 
 
 def plan_graph(bim: Path) -> SceneGraph:

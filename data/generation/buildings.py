@@ -1,6 +1,6 @@
 """Generates random buildings for training and tuning matchers; the same seed gives the same building."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,12 +14,12 @@ from data.plans.polygons import MIN_EDGE, DrawnRoom, Points, edges_of, room_of, 
 from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface
 
 Rng = np.random.Generator
-KINDS = ("apartment", "office", "corridor", "l_shape", "skewed", "mirrored_twins", "tower", "campus")
-MOST_SURFACES = 5000  # of a campus
+KINDS = ("apartment", "office", "corridor", "l_shape", "skewed", "mirrored_twins", "tower")
 
 
-def generate_plan(kind: str, seed: int) -> Plan:
-    """A building of one of `KINDS` as an A-graph in metres, with one floor, a tower with three to eight.
+def generate_plan(kind: str, seed: int, plain: bool = False) -> Plan:
+    """A building of one of `KINDS` as an A-graph in metres, with one floor, a tower with three to eight; a `plain` one
+    has no piers, niches and shafts at its walls.
 
     The same kind and seed give the same plan. Rooms do not overlap, neighbours are a wall apart (0.1 m or more),
     every wall surface lies on an edge of its room, and every room can be reached through doors if its neighbours
@@ -28,20 +28,13 @@ def generate_plan(kind: str, seed: int) -> Plan:
     if kind not in KINDS:
         raise ValueError(f"unknown kind '{kind}'; one of {', '.join(KINDS)}")
     rng = np.random.default_rng([KINDS.index(kind), seed])
-    storeys = [_placed(s, turn, at) for turn, at in [_site(rng)] for s in _STOREYS[kind](rng)]
+    # half of the plans are aligned with the axes
+    turn = 0.0 if rng.random() < 0.5 else float(rng.uniform(-np.pi, np.pi))
+    c, s, at = np.cos(turn), np.sin(turn), rng.uniform(-50, 50, 2).tolist()
+    built_ones = {"tower": _tower, "mirrored_twins": _mirrored_twins}.get(kind, _single)(kind, rng, plain)
+    storeys = [storey.moved(np.array([[c, -s], [s, c]]), at) for storey in built_ones]
     name = f"{kind}_{seed}"
     return Plan(name, f"generated/{name}", _graph(storeys, float(rng.uniform(2.7, 3.8))))
-
-
-def _site(rng: Rng) -> tuple[float, tuple[float, float]]:
-    """Half of the plans are aligned with the axes, the others rotated at random."""
-    turn = 0.0 if rng.random() < 0.5 else float(rng.uniform(-np.pi, np.pi))
-    return turn, (float(rng.uniform(-50, 50)), float(rng.uniform(-50, 50)))
-
-
-def _placed(storey: Storey, turn: float, at: Sequence[float]) -> Storey:
-    c, s = np.cos(turn), np.sin(turn)
-    return storey.moved(np.array([[c, -s], [s, c]]), at)
 
 
 def _graph(storeys: Sequence[Storey], height: float) -> SceneGraph:
@@ -62,45 +55,42 @@ def _graph(storeys: Sequence[Storey], height: float) -> SceneGraph:
     return SceneGraph("bim", tuple(rooms), tuple(surfaces), tuple(doors), tuple(floors))
 
 
-def _storey(cells: Sequence[Cell], rng: Rng, features: float) -> Storey:
-    return furnished(built(cells, Walls.drawn(rng), rng), rng, features)
-
-
-def _single(layout: Callable[[Rng], list[Cell]], *features: float) -> Callable[[Rng], list[Storey]]:
-    """One storey of a layout, with one of these shares of features."""
-    return lambda rng: [_storey(layout(rng), rng, float(rng.choice(features)))]
-
-
-def _apartment(rng: Rng) -> list[Cell]:
-    return apartment(rng, int(rng.integers(4, 13)))
-
-
-def _office(rng: Rng) -> list[Cell]:
-    rooms = int(rng.integers(20, 81))
-    return racetrack(rng, rooms) if rng.random() < 0.3 else wing_cells(rng, wings_drawn(rng, rooms, 0))
-
-
-def _corridor(rng: Rng) -> list[Cell]:
-    return wing_cells(rng, wings_drawn(rng, int(rng.integers(20, 71)), int(rng.integers(1, 4))))
-
-
-def _l_shape(rng: Rng) -> list[Cell]:
-    wings = wings_drawn(rng, int(rng.integers(16, 61)), 1)
-    at_end = wings.depths[0] + wings.corridor / 2 if rng.random() < 0.7 else wings.corridor / 2
-    branch = replace(wings.branches[0], x=at_end if rng.random() < 0.5 else wings.length - at_end)
-    return wing_cells(rng, replace(wings, branches=(branch,), ends=False, halls=()))
-
-
-def _skewed(rng: Rng) -> list[Storey]:
-    """A layout with slanted cuts, or a rectangular one that is sheared and narrowed; straight walls stay straight."""
+def _layout(kind: str, rng: Rng) -> tuple[list[Cell], tuple[float, ...]]:
+    """The cells of a storey, and the shares of rooms with features of which one is drawn."""
+    match kind:
+        case "apartment":
+            return apartment(rng, int(rng.integers(4, 13))), (0.05, 0.2, 0.35)
+        case "office":
+            rooms = int(rng.integers(20, 81))
+            return racetrack(rng, rooms) if rng.random() < 0.3 else _wings(rng, rooms, 0), (0.0, 0.03, 0.15)
+        case "corridor":
+            return _wings(rng, int(rng.integers(20, 71)), int(rng.integers(1, 4))), (0.0, 0.03, 0.15)
+        case "l_shape":
+            wings = wings_drawn(rng, int(rng.integers(16, 61)), 1)
+            at_end = wings.depths[0] + wings.corridor / 2 if rng.random() < 0.7 else wings.corridor / 2
+            branch = replace(wings.branches[0], x=at_end if rng.random() < 0.5 else wings.length - at_end)
+            return wing_cells(rng, replace(wings, branches=(branch,), ends=False, halls=())), (0.0, 0.05, 0.2)
+        case "mirrored_twins":
+            if rng.random() < 0.6:
+                return apartment(rng, int(rng.integers(5, 13))), (0.0, 0.1, 0.25)
+            branches = int(rng.random() < 0.5)
+            return _wings(rng, int(rng.integers(10, 31)), branches), (0.0, 0.1, 0.25)
     if rng.random() < 0.5:
-        cells = apartment(rng, int(rng.integers(5, 13)), tilt=float(np.radians(rng.uniform(4, 16))))
-        return [_storey(cells, rng, 0.15)]
+        return apartment(rng, int(rng.integers(5, 13)), tilt=float(np.radians(rng.uniform(4, 16)))), (0.15,)
     if rng.random() < 0.5:
         cells = apartment(rng, int(rng.integers(5, 13)))
     else:
-        cells = wing_cells(rng, wings_drawn(rng, int(rng.integers(12, 41)), int(rng.integers(0, 2))))
-    x0, y0, x1, y1 = shapely.total_bounds(np.array([c.area for c in cells], dtype=object)).tolist()
+        cells = _wings(rng, int(rng.integers(12, 41)), int(rng.integers(0, 2)))
+    return _skewed(cells, rng), (0.1,)
+
+
+def _wings(rng: Rng, rooms: int, branches: int) -> list[Cell]:
+    return wing_cells(rng, wings_drawn(rng, rooms, branches))
+
+
+def _skewed(cells: Sequence[Cell], rng: Rng) -> list[Cell]:
+    """The cells sheared and narrowed; straight walls stay straight."""
+    x0, y0, x1, y1 = shapely.total_bounds([c.area for c in cells]).tolist()
     shear = float(rng.uniform(-0.3, 0.3))
     narrowing = rng.uniform(-0.25, 0.25, 2) / max(x1 - x0, y1 - y0)
 
@@ -108,42 +98,41 @@ def _skewed(rng: Rng) -> list[Storey]:
         p = points - [(x0 + x1) / 2, (y0 + y1) / 2]
         return (p + shear * p[:, 1:] * [1.0, 0.0]) / (1 + p @ narrowing)[:, None]
 
-    return [_storey([Cell(shapely.transform(c.area, skew), c.kind) for c in cells], rng, 0.1)]
+    return [Cell(shapely.transform(c.area, skew), c.kind) for c in cells]
 
 
-def _mirrored_twins(rng: Rng) -> list[Storey]:
+def _single(kind: str, rng: Rng, plain: bool) -> list[Storey]:
+    cells, shares = _layout(kind, rng)
+    share = float(rng.choice(shares)) * (not plain)
+    return [furnished(built(cells, Walls.drawn(rng), rng), rng, share)]
+
+
+def _mirrored_twins(kind: str, rng: Rng, plain: bool) -> list[Storey]:
     """A half and its mirror image, wall to wall or with stairs or a gap between them."""
-    kind = rng.random()
-    if kind < 0.6:
-        cells = apartment(rng, int(rng.integers(5, 13)))
-    else:
-        branches = int(rng.random() < 0.5)
-        cells = wing_cells(rng, wings_drawn(rng, int(rng.integers(10, 31)), branches))
-    half = _storey(cells, rng, float(rng.choice([0.0, 0.1, 0.25])))
-    _, y0, x1, y1 = half.bounds()
+    (half,) = _single(kind, rng, plain)
+    _, y0, x1, y1 = shapely.total_bounds(half.rooms).tolist()
     gap = float(rng.choice([0.24, 0.3, 3.2, 12.0])) if rng.random() < 0.9 else float(rng.uniform(0.2, 20.0))
-    mirrored = half.moved(np.diag([-1.0, 1.0]), (2 * x1 + gap, 0.0))
-    both = half.joined(mirrored)
+    both = half.joined(half.moved(np.diag([-1.0, 1.0]), (2 * x1 + gap, 0.0)))
     if 2.5 < gap < 4.0:
         stairs = shapely.box(x1 + 0.24, y0, x1 + gap - 0.24, y0 + min(6.0, y1 - y0))
         both = both.joined(Storey((stairs,), ("stairs",)))
     return [both]
 
 
-def _tower(rng: Rng) -> list[Storey]:
+def _tower(kind: str, rng: Rng, plain: bool) -> list[Storey]:
     """Storeys with one layout: identical, or with some additional walls; the ground floor may differ."""
     if rng.random() < 0.5:
         cells = apartment(rng, int(rng.integers(6, 13)))
     elif rng.random() < 0.4:
         cells = racetrack(rng, int(rng.integers(16, 31)))
     else:
-        cells = wing_cells(rng, wings_drawn(rng, int(rng.integers(10, 31)), int(rng.integers(0, 2))))
+        cells = _wings(rng, int(rng.integers(10, 31)), int(rng.integers(0, 2)))
     walls, seed = Walls.drawn(rng), int(rng.integers(2**32))
     change = float(rng.choice([0.0, 0.05, 0.15]))
 
     def storey(cells: Sequence[Cell]) -> Storey:  # the same doors and pillars on every storey
         again = np.random.default_rng(seed)
-        return furnished(built(cells, walls, again), again, 0.1)
+        return furnished(built(cells, walls, again), again, 0.0 if plain else 0.1)
 
     storeys = [storey(_rebuilt(cells, rng, change) if change else cells) for _ in range(int(rng.integers(3, 9)))]
     if rng.random() < 0.3:
@@ -162,48 +151,3 @@ def _rebuilt(cells: Sequence[Cell], rng: Rng, share: float) -> list[Cell]:
         else:
             result.append(cell)
     return result
-
-
-def _campus(rng: Rng) -> list[Storey]:
-    """Buildings of several kinds on one storey, some of them repeated and rotated."""
-    kinds = ("office", "corridor", "l_shape", "skewed", "mirrored_twins", "apartment")
-    wanted, surfaces = float(rng.uniform(1200, 4900)), 0
-    houses: list[Storey] = []
-    while surfaces < wanted:
-        house = houses[int(rng.integers(len(houses)))] if houses and rng.random() < 0.15 else None
-        house = house or _STOREYS[str(rng.choice(kinds))](rng)[0]
-        surfaces += sum(shapely.get_num_coordinates(r) - 1 for r in house.rooms)
-        if surfaces > MOST_SURFACES:
-            break
-        houses.append(house)
-    return [_laid_out(houses, rng)]
-
-
-def _laid_out(houses: Sequence[Storey], rng: Rng) -> Storey:
-    """Places houses in rows, each rotated at random; half of the campuses keep to one direction and its right
-    angles.
-    """
-    square, gap = rng.random() < 0.5, float(rng.uniform(6, 20))
-    across = int(np.ceil(np.sqrt(len(houses))))
-    campus, x, y, high = Storey((), ()), 0.0, 0.0, 0.0
-    for k, house in enumerate(houses):
-        if k % across == 0:
-            x, y, high = 0.0, y + high, 0.0
-        turn = np.pi / 2 * int(rng.integers(4)) if square else float(rng.uniform(-np.pi, np.pi))
-        turned = _placed(house, turn, (0.0, 0.0))
-        x0, y0, x1, y1 = turned.bounds()
-        campus = campus.joined(turned.moved(np.eye(2), (x - x0, y - y0)))
-        x, high = x + x1 - x0 + gap, max(high, y1 - y0 + gap)
-    return campus
-
-
-_STOREYS: dict[str, Callable[[Rng], list[Storey]]] = {
-    "apartment": _single(_apartment, 0.05, 0.2, 0.35),
-    "office": _single(_office, 0.0, 0.03, 0.15),
-    "corridor": _single(_corridor, 0.0, 0.03, 0.15),
-    "l_shape": _single(_l_shape, 0.0, 0.05, 0.2),
-    "skewed": _skewed,
-    "mirrored_twins": _mirrored_twins,
-    "tower": _tower,
-    "campus": _campus,
-}

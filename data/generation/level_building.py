@@ -117,18 +117,23 @@ def write_level_building(plan: SceneGraph, path: Path | str, seed: int, high: bo
     for part in shapely.get_parts(storey.walls):
         pierced = part.difference(storey.doorways)
         writer.element("IfcWall", "Wall", STOREY, [*prisms(pierced, 0.0, LINTEL), *prisms(part, LINTEL, height)])
-    for kind, low in (("BASESLAB", -SLAB), ("ROOF", height)):
-        writer.element("IfcSlab", "Slab", STOREY, prisms(storey.outline, low, low + SLAB), kind=kind)
     for line in storey.doors:
         (x, y), (u, v) = np.asarray(line.centroid.coords)[0], np.diff(np.asarray(line.coords), axis=0)[0]
         leaf = box(-DOORWAY / 2, -LEAF, 0.0, DOORWAY / 2, LEAF, LINTEL)
         writer.element("IfcDoor", "Door", STOREY, [leaf], placed(x, y, yaw=float(np.arctan2(v, u)) - np.pi / 2))
-    for number, area in enumerate(storey.rooms.values(), 1):
-        writer.space(f"{number}", STOREY, prisms(area, 0.0, height)[0])
+    write_rooms(writer, list(storey.rooms.values()), storey.outline, height, SLAB)
     if not flat:
         middles = [line.centroid for line in storey.doors]
         _add_levels(writer, STOREY, list(storey.rooms.values()), middles, height, rng)
     writer.save(path)
+
+
+def write_rooms(writer: IfcWriter, rooms: Sequence[Area], outline: Area, height: float, slab: float) -> None:
+    """Writes rooms of a clear `height` (m), and the slabs below and above the building's `outline`, `slab` m thick."""
+    for kind, low in (("BASESLAB", -slab), ("ROOF", height)):
+        writer.element("IfcSlab", "Slab", STOREY, prisms(outline, low, low + slab), kind=kind)
+    for number, room in enumerate(rooms, 1):
+        writer.space(f"{number}", STOREY, prisms(room, 0.0, height)[0])
 
 
 def write_level_demo(path: Path | str, seed: int, flat: bool = False) -> None:

@@ -79,11 +79,6 @@ class Storey:
         theirs = tuple((at, tuple(n + k for k in rooms)) for at, rooms in other.doors)
         return Storey(self.rooms + other.rooms, self.kinds + other.kinds, self.doors + theirs)
 
-    def bounds(self) -> tuple[float, float, float, float]:
-        """Lowest (x, y), highest (x, y)."""
-        low_x, low_y, high_x, high_y = shapely.total_bounds(np.array(self.rooms, dtype=object)).tolist()
-        return low_x, low_y, high_x, high_y
-
 
 def built(cells: Sequence[Cell], walls: Walls, rng: Rng) -> Storey:
     """Returns rooms half a wall inside their cells and a whole outer wall inside the outline; every room has a door."""

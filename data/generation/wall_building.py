@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 from shapely.geometry.polygon import orient
 
 from data.common.errors import UserError
-from data.generation.level_building import DOORWAY, LINTEL, STOREY, prisms
+from data.generation.level_building import DOORWAY, LEAF, LINTEL, STOREY, prisms, write_rooms
 from data.geometry.areas import Area, closed, difference, united
 from data.geometry.intervals import common, without
 from data.ifc.writer import IfcWriter, Prism, box, placed
 from data.plans.polygons import edges_of, frame_of
 from data.scene_graph import SceneGraph
 
-PIER, SHAFT = 0.42, 0.85  # m: how far a pier reaches into a room, and the longest side of a shaft in its corner
 LEAST = 0.02, 0.35  # m long, of a wall between rooms and of an outer one: more than an inner wall is thick
 LONGEST = 12.0  # m: a longer one is built in pieces
 TILT = 0.01  # m between the ends of a side, across it
@@ -32,7 +31,6 @@ Array = NDArray[np.float64]
 Opening = tuple[str, float, float]  # Door or Window, its place along the wall, its width
 OUTER = (0.24, 0.3, 0.36)  # m, thickness of outer walls
 SLAB = 0.3  # m
-LEAF = 0.04  # m thick
 SILL, HEAD = 0.9, 2.2  # m: a window's lower and upper edge
 REVEAL, PANE = 0.12, 0.06  # m: the pane stands so far behind the wall's inner face, and is so thick
 HEIGHTS = (2.6, 3.2)  # m, clear
@@ -105,26 +103,9 @@ def outline_of(rooms: Sequence[Area], outer: float) -> Area:
     return united(rooms).buffer(outer, join_style="mitre")
 
 
-def without_features(room: Area) -> Area:
-    """A room without the piers at its walls and the shafts in its corners, in whole millimetres."""
-    ring, k = np.asarray(orient(room).exterior.coords)[:-1], 0
-    while k < len(ring):
-        corners = np.roll(ring, -k, axis=0)
-        steps = np.roll(corners, -1, axis=0) - corners
-        lengths, (x, y), (x0, y0) = np.hypot(*steps.T), steps.T, np.roll(steps, 1, axis=0).T
-        is_reflex = (x0 * y - y0 * x < 0)[:3].tolist()
-        if is_reflex[1:] == [True, True] and max(lengths[0], lengths[2]) < PIER and lengths[1] < SHAFT:
-            ring, k = corners[4:], 0
-        elif is_reflex == [False, True, False] and max(lengths[:2]) < SHAFT:
-            ring, k = np.concatenate([[corners[0] + corners[2] - corners[1]], corners[3:]]), 0
-        else:
-            k += 1
-    return _squared(shapely.Polygon(ring).simplify(TILT))
-
-
-def _squared(room: Area) -> Area:
+def squared(room: Area) -> Area:
     """The room with sides along the axes, in whole millimetres."""
-    ring = np.asarray(room.exterior.coords)[:-1]
+    ring = np.asarray(orient(room.simplify(TILT)).exterior.coords)[:-1]
     following = np.roll(ring, -1, axis=0)
     after = ((ring + following) / 2).round(3)  # the middle of the side after each corner
     before = np.roll(after, 1, axis=0)
@@ -192,8 +173,8 @@ def _fitted(wall: StraightWall, solid: Sequence[Area], reach: float) -> Straight
 
 
 def write_wall_building(plan: SceneGraph, path: Path | str, seed: int) -> None:
-    """Writes the only storey of a plan as an IFC file. Raises UserError for a plan of several storeys, or with walls
-    that are not at right angles to each other."""
+    """Writes the only storey of a `plain` plan as an IFC file. Raises UserError for a plan of several storeys, or with
+    walls that are not at right angles to each other."""
     if len(plan.floors) > 1:
         raise UserError(f"a plan of {len(plan.floors)} storeys; give one of a single storey")
     rng = np.random.default_rng([seed, 67, len(plan.rooms)])
@@ -210,10 +191,7 @@ def write_wall_building(plan: SceneGraph, path: Path | str, seed: int) -> None:
         _write_wall(writer, f"Wall {number}", wall, area, height, openings)
     for number, column in enumerate(_columns(rooms, walls, holes, rng), 1):
         writer.element("IfcColumn", f"Column {number}", STOREY, prisms(column, 0.0, height), kind="COLUMN")
-    for kind, low in (("BASESLAB", -SLAB), ("ROOF", height)):
-        writer.element("IfcSlab", "Slab", STOREY, prisms(outline_of(rooms, outer), low, low + SLAB), kind=kind)
-    for number, room in enumerate(rooms, 1):
-        writer.space(f"{number}", STOREY, prisms(room, 0.0, height)[0])
+    write_rooms(writer, rooms, outline_of(rooms, outer), height, SLAB)
     writer.save(path)
 
 
@@ -226,7 +204,7 @@ def _squared_rooms(plan: SceneGraph) -> tuple[Array, list[Area]]:
     R, t = T_bim_plan[:2, :2], T_bim_plan[:2, 3]
     if np.abs(sides @ R).min(axis=1).max() > TILT:
         raise UserError("a plan with walls that are not at right angles; give one whose rooms are rectangular")
-    return T_bim_plan, [without_features(shapely.Polygon((ring - t) @ R)) for ring in rings]
+    return T_bim_plan, [squared(shapely.Polygon((ring - t) @ R)) for ring in rings]
 
 
 def _places(plan: SceneGraph, T_bim_plan: Array, walls: Sequence[StraightWall]) -> list[list[float]]:

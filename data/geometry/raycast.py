@@ -32,7 +32,7 @@ class TriangleScene:
         self._mesh = TriangleMesh(self._scene, (triangles - self._origin).astype(np.float32))  # kept alive
 
     def distances(self, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(N,) metres along unit `directions` (N, 3) from `origins`, (3,) or (N, 3); inf where nothing is."""
+        """(N,) metres along unit `directions` from `origins`, (N, 3) or one of them (3,); inf where nothing is."""
         hits = self._scene.run(*self._rays(origins, directions), query="DISTANCE")
         return np.where(hits < 1e30, hits, np.inf).astype(np.float64)
 
@@ -58,5 +58,5 @@ class TriangleScene:
         self, origins: NDArray[np.float64], directions: NDArray[np.float64]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """(N, 3) both, about the local origin, as Embree takes them."""
-        local = np.broadcast_to((origins - self._origin).astype(np.float32), directions.shape)
-        return np.ascontiguousarray(local), np.ascontiguousarray(directions, dtype=np.float32)
+        local, along = np.broadcast_arrays((origins - self._origin).astype(np.float32), directions.astype(np.float32))
+        return np.ascontiguousarray(local), np.ascontiguousarray(along)

@@ -1,13 +1,15 @@
 """Products as built: shifted, left out, or walls cut again with their changed doors and windows; and a plan that lacks
 walls which stand."""
 
-from collections.abc import Collection, Iterator
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import ifcopenshell
 import numpy as np
-from ifcopenshell.util.element import copy, get_decomposition
+from ifcopenshell.api.geometry import edit_object_placement
+from ifcopenshell.util.element import get_decomposition
 from ifcopenshell.util.placement import get_local_placement
 from ifcopenshell.util.unit import calculate_unit_scale
 from numpy.typing import NDArray
@@ -22,25 +24,18 @@ Array = NDArray[np.float64]
 BEFORE = 0.1  # m in front of a wall, where a ray begins
 
 
-def as_built(model: ifcopenshell.file, planned: list[IfcProduct], *changes: tuple[Change, ...]) -> list[IfcProduct]:
-    """Returns the products after some changes, and others after these; fillings of a wall's openings move with it, and
-    an opening with the door or window that fills it. Gaps at a moved wall's ends stay; walls keep the openings that
-    they have in `planned`.
-    """
-    for some in changes:
-        change_of = {}
-        for change in (change for change in some if change.kind != "unplanned"):
-            change_of.update(dict.fromkeys([change.id, *_follow(model.by_guid(change.id))], change))
-        built = []
-        for product in planned:
-            own = change_of.get(product.global_id)
-            if own is None:
-                built.append(product)
-            elif own.kind not in ("absent", "filled"):
-                offset = np.array([*own.offset_in_bim, 0.0])
-                built.append(replace(product, vertices=product.vertices + offset))
-        planned = built
-    return planned
+def as_built(model: ifcopenshell.file, planned: list[IfcProduct], changes: Iterable[Change]) -> list[IfcProduct]:
+    """Returns the products after changes; fillings of a wall's openings move with it, and an opening with the door or
+    window that fills it. Gaps at a moved wall's ends stay; walls keep the openings that they have in `planned`."""
+    gone, shifts = set[str](), defaultdict[str, list[Array]](list)
+    for change in (change for change in changes if change.kind != "unplanned"):
+        for key in (change.id, *_follow(model.by_guid(change.id))):
+            if change.kind in ("absent", "filled"):
+                gone.add(key)
+            else:
+                shifts[key].append(np.array([*change.offset_in_bim, 0.0]))
+    stand = (product for product in planned if product.global_id not in gone)
+    return [replace(product, vertices=sum(shifts[product.global_id], product.vertices)) for product in stand]
 
 
 def write_plan_without(ifc: Path | str, walls: Collection[str], path: Path | str) -> None:
@@ -64,39 +59,36 @@ def fillings(wall: ifcopenshell.entity_instance) -> Iterator[str]:
             yield fills.RelatedBuildingElement.GlobalId
 
 
-def _follow(changed: ifcopenshell.entity_instance) -> Iterator[str]:
+def _follow(changed: ifcopenshell.entity_instance) -> list[str]:
     """GlobalIds of what moves or is left out with a wall, door, window or column."""
     if changed.is_a("IfcWall"):
-        yield from fillings(changed)
-        return
-    for part in get_decomposition(changed):
-        yield part.GlobalId
-    yield from _openings(changed)
+        return list(fillings(changed))
+    return [own.GlobalId for own in (*get_decomposition(changed), *_openings(changed))]
 
 
 def recut(
     model: ifcopenshell.file, planned: list[IfcProduct], volumes: list[IfcProduct], changes: tuple[Change, ...]
 ) -> list[IfcProduct]:
     """Returns the products, with the openings of walls where the displaced doors and windows are, and without those of
-    the filled ones. The model stays as it is. `volumes` are the IfcOpeningElements.
+    the filled ones, which it changes in the model. `volumes` are the IfcOpeningElements.
 
     Raises UserError where a wall's surface cannot be made so.
     """
-    edited, volume_of = None, {volume.global_id: volume for volume in volumes}
+    volume_of = {volume.global_id: volume for volume in volumes}
     changed: dict[str, list[tuple[IfcProduct, Change]]] = {}  # the openings of walls, by their GlobalIds
-    for change in changes:
-        for opening in _openings(model.by_guid(change.id)) if change.kind in ("displaced", "filled") else ():
-            edited = edited or ifcopenshell.file.from_string(model.to_string())
-            voids = edited.by_guid(opening).VoidsElements[0]
-            changed.setdefault(voids.RelatingBuildingElement.GlobalId, []).append((volume_of[opening], change))
+    for change in (change for change in changes if change.kind in ("displaced", "filled")):
+        for opening in _openings(model.by_guid(change.id)):
+            (voids,) = opening.VoidsElements
+            wall = voids.RelatingBuildingElement.GlobalId
+            changed.setdefault(wall, []).append((volume_of[opening.GlobalId], change))
             if change.kind == "filled":
-                edited.remove(voids)
+                model.remove(voids)
             else:
-                _move(edited, edited.by_guid(opening), change.offset_in_bim)
+                _move(model, opening, change.offset_in_bim)
     products = []
     for product in planned:
-        if edited is not None and product.global_id in changed:
-            mesh = triangulated(edited.by_guid(product.global_id))
+        if product.global_id in changed:
+            mesh = triangulated(model.by_guid(product.global_id))
             if mesh is None:
                 raise UserError(f"wall {product.global_id} cannot be cut with its changed openings; give another seed")
             cut = replace(product, vertices=mesh[0], faces=mesh[1])
@@ -105,21 +97,15 @@ def recut(
     return products
 
 
-def _openings(filling: ifcopenshell.entity_instance) -> Iterator[str]:
-    """GlobalIds of the opening that a door or window fills; a column has none."""
-    for fills in filling.FillsVoids:
-        yield fills.RelatingOpeningElement.GlobalId
+def _openings(filling: ifcopenshell.entity_instance) -> list[ifcopenshell.entity_instance]:
+    """The opening that a door or window fills; a column has none."""
+    return [fills.RelatingOpeningElement for fills in filling.FillsVoids]
 
 
 def _move(model: ifcopenshell.file, product: ifcopenshell.entity_instance, offset_in_bim: tuple[float, float]) -> None:
-    """Gives the product a placement of its own: others may share the old one, or its axes or its point."""
-    old = product.ObjectPlacement
-    parent = np.eye(4) if old.PlacementRelTo is None else get_local_placement(old.PlacementRelTo)
-    shift = parent[:3, :3].T @ [*offset_in_bim, 0.0] / calculate_unit_scale(model)
-    axes = copy(model, old.RelativePlacement)
-    place = np.array(axes.Location.Coordinates) + shift
-    axes.Location = model.create_entity("IfcCartesianPoint", place.tolist())
-    product.ObjectPlacement = model.create_entity("IfcLocalPlacement", old.PlacementRelTo, axes)
+    T_bim_product = get_local_placement(product.ObjectPlacement)
+    T_bim_product[:2, 3] += np.array(offset_in_bim) / calculate_unit_scale(model)
+    edit_object_placement(model, product=product, matrix=T_bim_product, is_si=False)
 
 
 def _closed(wall: IfcProduct, planned: IfcProduct, changed: list[tuple[IfcProduct, Change]]) -> IfcProduct:

@@ -15,6 +15,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 from data.common.errors import UserError
+from data.geometry import se2
 from data.geometry.poses import poses_to_xyzquat
 from data.simulation.drive import KNOTS, Array, Drive, Motion, Robot, continuous, level_motion, smooth_motion
 from data.trajectory import Trajectory
@@ -50,7 +51,8 @@ class Carrier:
     def _moved(self, way: Array, offset: Array, attitude: Rotation) -> Motion:
         """Over the ground `way` (N, 4), KNOTS a second, with the sensor off the middle by `offset` (N, 3), in metres
         forward, left and up, but not near what the way keeps clear of."""
-        x_y = _bounded(offset[:, :2], self.robot.radius - NEAREST)
+        most = self.robot.radius - NEAREST
+        x_y = most * np.tanh(offset[:, :2] / most)
         places = way[:, [0, 1, 3]] + [0.0, 0.0, self.height] + _turned(np.column_stack([x_y, offset[:, 2]]), way[:, 2])
         return smooth_motion(np.column_stack([places, attitude.as_quat()]), way)
 
@@ -139,14 +141,7 @@ def _glances(rng: np.random.Generator, count: int) -> Array:
 
 def _turned(offset: Array, yaw: Array) -> Array:
     """Offsets (N, 3) turned about z by yaw (N,)."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    x, y = offset[:, 0], offset[:, 1]
-    return np.column_stack([c * x - s * y, s * x + c * y, offset[:, 2]])
-
-
-def _bounded(offset: Array, most: float) -> Array:
-    """Offsets (N, ...) in metres that stay below `most`, smoothly."""
-    return most * np.tanh(offset / most)
+    return np.column_stack([se2.rotate(yaw, offset[:, :2]), offset[:, 2]])
 
 
 @dataclass(frozen=True, eq=False)

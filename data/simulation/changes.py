@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from data.common.errors import UserError
 from data.ifc.doors import FILLINGS
 from data.ifc.products import IfcProduct
+from data.scene_graph.nodes import Xy, xy_of
 
 MOST = 0.3  # m that a wall is moved, or something else displaced
 LEAST = 0.1  # m across, of a moved wall
@@ -80,7 +81,7 @@ class Change:
 
     id: str
     kind: Kind
-    offset_in_bim: tuple[float, float] = (0.0, 0.0)
+    offset_in_bim: Xy = (0.0, 0.0)
 
 
 AS_PLANNED = Changes()
@@ -117,7 +118,7 @@ def draw_tolerances(walls: list[IfcProduct], tolerance: float, seed: int) -> tup
     """A Gaussian shift of each wall across its footprint, of this standard deviation in metres."""
     rng = np.random.default_rng([seed, 102])
     walls = sorted(walls, key=lambda wall: wall.global_id)
-    return tuple(_changed(wall, "moved", rng.normal(0.0, tolerance) * across(wall)) for wall in walls)
+    return tuple(Change(w.global_id, "moved", xy_of(rng.normal(0.0, tolerance) * across(w))) for w in walls)
 
 
 def of_class(model: ifcopenshell.file, own: list[IfcProduct], ifc_class: str) -> list[IfcProduct]:
@@ -134,11 +135,6 @@ def across(wall: IfcProduct) -> Array:
     return np.asarray(sides[np.argmin(lengths)] / lengths.min())
 
 
-def _changed(product: IfcProduct, kind: Kind, offset: Array) -> Change:
-    x, y = offset.tolist()
-    return Change(product.global_id, kind, (x, y))
-
-
 def _drawn(
     own: list[IfcProduct], shares: Mapping[Kind, float], offset: Callable[[IfcProduct], Array], rng: np.random.Generator
 ) -> list[Change]:
@@ -148,7 +144,7 @@ def _drawn(
     for kind, share in shares.items():
         for k in islice(order, round(share * len(own))):
             stands = kind in ("moved", "displaced")
-            drawn.append(_changed(own[k], kind, offset(own[k]) if stands else np.zeros(2)))
+            drawn.append(Change(own[k].global_id, kind, xy_of(offset(own[k])) if stands else (0.0, 0.0)))
     return drawn
 
 
@@ -195,12 +191,9 @@ def _draw_openings(
     return drawn + [Change(filling, "filled") for filling in left[:filled]]
 
 
-def _offset(
-    host: IfcProduct, volume: IfcProduct, by: float, others: list[shapely.Geometry]
-) -> tuple[float, float] | None:
-    """The shift by so many metres along the wall, forward or else back, (x, y) in the BIM frame; None if `others` stand
-    in both ways, and for an opening that does not go straight through its wall.
-    """
+def _offset(host: IfcProduct, volume: IfcProduct, by: float, others: list[shapely.Geometry]) -> Xy | None:
+    """The shift by so many metres along the wall, forward or else back, in the BIM frame; None if `others` stand in
+    both ways, and for an opening that does not go straight through its wall."""
     v = across(host)
     axes = np.array([[-v[1], v[0]], v])
     hole, wall = (product.vertices[:, :2] @ axes.T for product in (volume, host))
@@ -213,6 +206,5 @@ def _offset(
         corners = np.asarray(shapely.box(low, front - AT_FACE, high, back + AT_FACE).exterior.coords)
         stretch = shapely.Polygon(corners @ axes)
         if first <= low and high <= last and not shapely.intersects(stretch, others).any():
-            x, y = (step * axes[0]).tolist()
-            return x, y
+            return xy_of(step * axes[0])
     return None

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from data.common.errors import UserError
 from data.geometry.poses import xyzquat_to_poses
 
 Array = NDArray[np.float64]
@@ -34,34 +33,14 @@ class Robot:
     rest: float = 0.5
     stair_speed: float = 0.4
 
-    def __post_init__(self) -> None:
-        """Raises UserError for a robot that cannot move."""
-        speeds = (self.speed, self.stair_speed, self.yaw_rate)
-        if not min(self.radius, *speeds, self.acceleration, self.yaw_acceleration) > 0:
-            raise UserError("robot: radius, speeds, yaw rate and accelerations must be positive")
-        if not self.rest >= 0:
-            raise UserError("robot: rest must not be negative")
-
 
 @dataclass(frozen=True)
 class Drive:
-    """A drive from rest to rest."""
+    """A drive of `duration` seconds from rest to rest; `at` gives x y yaw z (N, 4) of the ground at times (N,) that
+    increase, clipped to the drive."""
 
-    phases: tuple[Phase, ...]
-
-    @property
-    def duration(self) -> float:
-        """Seconds from the beginning to the end."""
-        return float(np.cumsum([seconds for seconds, _ in self.phases])[-1])
-
-    def at(self, seconds: Array) -> Array:
-        """(N, 4) x y yaw z at times (N,) that increase, seconds since the beginning; clipped to the drive."""
-        seconds = np.clip(seconds, 0.0, self.duration)
-        durations = [duration for duration, _ in self.phases]
-        ends = np.cumsum(durations)
-        phase = np.minimum(np.searchsorted(ends, seconds, side="right"), len(ends) - 1)
-        parts = [self.phases[k][1](seconds[phase == k] - (ends - durations)[k]) for k in np.unique(phase)]
-        return np.concatenate(parts)
+    duration: float
+    at: Callable[[Array], Array]
 
 
 def plan_drive(legs: Sequence[Array], start_yaw: float, robot: Robot) -> Drive:
@@ -77,7 +56,16 @@ def plan_drive(legs: Sequence[Array], start_yaw: float, robot: Robot) -> Drive:
         headings += yaw + turn - headings[0]
         phases += [_turn(leg[0], yaw, turn, robot), _follow(leg, headings, robot)]
         yaw = float(headings[-1])
-    return Drive((*phases, _stand(legs[-1][-1], yaw, robot.rest)))
+    phases.append(_stand(legs[-1][-1], yaw, robot.rest))
+    durations = [duration for duration, _ in phases]
+    ends = np.cumsum(durations)
+
+    def at(seconds: Array) -> Array:
+        seconds = np.clip(seconds, 0.0, ends[-1])
+        phase = np.minimum(np.searchsorted(ends, seconds, side="right"), len(ends) - 1)
+        return np.concatenate([phases[k][1](seconds[phase == k] - (ends - durations)[k]) for k in np.unique(phase)])
+
+    return Drive(float(ends[-1]), at)
 
 
 def _stand(place: Array, yaw: float, duration: float) -> Phase:

@@ -5,7 +5,7 @@ People are upright cylinders that walk about in the rooms that are entered, and 
 """
 
 from collections.abc import Collection
-from dataclasses import dataclass, field, is_dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +56,6 @@ def checked(effects: Collection[str]) -> frozenset[str]:
 
 def noisy(sensor: Sensor) -> Sensor:
     """The sensor with more noise and less reach."""
-    assert is_dataclass(sensor) and not isinstance(sensor, type)
     return replace(sensor, range_noise=NOISE, max_range=min(REACH, sensor.max_range))
 
 
@@ -132,7 +131,7 @@ def _people(way: Way, rooms: Collection[str], track: Array, rng: np.random.Gener
     """(K, M, 3) who is about in the `rooms` (ids) that are entered, while the sensor is over `track` (M, 3)."""
     tracks = [_follower(way.planners[0].grid, track, rng.uniform(*BEHIND), rng)]
     for planner in way.planners:
-        for k, room in enumerate(planner.grid.rooms):
+        for k, room in enumerate(planner.model.spaces):
             for _ in range(rng.integers(IN_A_ROOM + 1) if room.id in rooms else 0):
                 walk = _walk(planner.grid, k, len(track), rng)
                 if walk is not None:

@@ -73,7 +73,7 @@ def furniture(planner: Planner, way: Array, rng: np.random.Generator) -> list[Ar
         trees.append((cKDTree(np.stack(middles)), DOORWAY))
     pieces: list[Array] = []
     taken = np.zeros_like(grid.room, dtype=bool)
-    for k in range(len(grid.rooms)):
+    for k in range(len(model.spaces)):
         cells = np.argwhere((grid.room == k) & (grid.clearance > 0) & (grid.clearance < 0.45))
         if not len(cells):
             continue
@@ -221,7 +221,7 @@ def _low_places(area: shapely.Geometry, level: float, scene: TriangleScene) -> s
     places = np.stack(np.meshgrid(np.arange(x0, x1, SAMPLE), np.arange(y0, y1, SAMPLE)), axis=-1).reshape(-1, 2)
     places = places[shapely.contains_xy(area, places[:, 0], places[:, 1])]
     eyes = np.column_stack([places, np.full(len(places), level + KNEE)])
-    free = scene.distances(eyes, np.tile([0.0, 0.0, 1.0], (len(places), 1)))
+    free = scene.distances(eyes, np.array([0.0, 0.0, 1.0]))
     return shapely.MultiPoint(places[free < HEADROOM - KNEE])
 
 

@@ -11,7 +11,7 @@ from skimage.graph import MCP_Geometric
 
 from data.common.errors import UserError
 from data.geometry.raycast import TriangleScene
-from data.simulation.storey_model import RoomLabel, Space, StoreyModel, Triangles
+from data.simulation.storey_model import Space, StoreyModel, Triangles
 
 CELL = 0.05  # m
 LOWEST = 0.15  # m above the floor: lower things are driven over
@@ -39,13 +39,12 @@ class Grid:
     """Cell (row, column) has its centre at `origin + CELL * (column, row)`, x y in the BIM frame.
 
     `clearance` (H, W) is the distance in metres to the nearest obstacle or edge of the interior; `room`
-    (H, W) is the index into `rooms` of the room entered there, -1 where there is none.
+    (H, W) is the index of the storey's space entered there, -1 where there is none.
     """
 
     origin: NDArray[np.float64]
     clearance: NDArray[np.float64]
     room: NDArray[np.int32]
-    rooms: tuple[RoomLabel, ...]
 
     def to_xy(self, cells: NDArray[np.int_]) -> NDArray[np.float64]:
         """(..., 2) rows and columns to x y in the BIM frame."""
@@ -66,7 +65,7 @@ class Grid:
         return np.asarray(ndimage.map_coordinates(self.clearance, at, order=1, mode="nearest"))
 
     def room_at(self, xy: NDArray[np.float64]) -> NDArray[np.int32]:
-        """(N,) indices into `rooms`, -1 for none, at x y (N, 2)."""
+        """(N,) indices of spaces, -1 for none, at x y (N, 2)."""
         rows, columns = self.to_cells(xy).T
         return self.room[rows, columns]
 
@@ -74,8 +73,8 @@ class Grid:
 def build_grid(storey: StoreyModel, scene: TriangleScene, height: float) -> Grid:
     """Slices the building from LOWEST to `height` metres above the floor; keeps what is inside, on a floor.
 
-    Inside is what the storey's spaces cover, with the doorways between them; on a storey without spaces, what
-    walls and shut doors enclose. Raises UserError for a storey too large for a grid.
+    Inside is what the storey's spaces cover, with the doorways between them. Raises UserError for a storey too large
+    for a grid.
     """
     origin = storey.extent[0] - 1.0
     columns, rows = np.ceil((storey.extent[1] + 1.0 - origin) / CELL).astype(int)
@@ -84,18 +83,13 @@ def build_grid(storey: StoreyModel, scene: TriangleScene, height: float) -> Grid
         raise UserError(f"storey '{storey.name}' measures {size}, too large for a drive; choose another storey")
     blank = np.zeros((rows, columns), np.uint8)
     walls = _draw(blank, origin, _slice(storey.solid, storey.level + LOWEST, storey.level + height))
-    if storey.spaces:
-        rooms = tuple(s.label for s in storey.spaces)
-        footprint = _footprints(blank, origin, storey.spaces)
-    else:
-        footprint = _enclosed(walls, [_draw(blank, origin, d) for d in storey.doors])
-        rooms = tuple(RoomLabel(f"enclosed-{k + 1}") for k in range(int(footprint.max()) + 1))
+    footprint = _footprints(blank, origin, storey.spaces)
     reach = _disc(WALL_REACH)
     interior = cv2.morphologyEx((footprint >= 0).astype(np.uint8), cv2.MORPH_CLOSE, reach)
     floor = _floor(interior, origin, storey.level, scene)
     floored = cv2.morphologyEx(floor, cv2.MORPH_CLOSE, reach)
     clearance = ndimage.distance_transform_edt((walls == 0) & (interior > 0) & (floored > 0)) * CELL
-    return Grid(origin, clearance, _well_inside(footprint), rooms)
+    return Grid(origin, clearance, _well_inside(footprint))
 
 
 def _slice(triangles: Triangles, low: float, high: float) -> Triangles:
@@ -143,28 +137,14 @@ def _disc(radius: float) -> NDArray[np.uint8]:
     return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)), dtype=np.uint8)
 
 
-def _enclosed(walls: NDArray[np.uint8], doors: list[NDArray[np.uint8]]) -> NDArray[np.int32]:
-    """Rooms of a storey without spaces: areas of at least 1 m2 that walls and shut doors enclose."""
-    shut = np.maximum.reduce([walls, *(cv2.dilate(d, np.ones((3, 3), np.uint8)) for d in doors)])
-    areas, count = ndimage.label(shut == 0)
-    sizes = np.bincount(areas.ravel(), minlength=count + 1) * CELL**2
-    sizes[0] = 0
-    sizes[np.unique(np.concatenate([areas[0], areas[-1], areas[:, 0], areas[:, -1]]))] = 0
-    number = np.full(count + 1, -1, np.int32)
-    large = np.flatnonzero(sizes >= 1.0)
-    number[large] = np.arange(len(large))
-    return number[areas]
-
-
 def _floor(
     interior: NDArray[np.uint8], origin: NDArray[np.float64], level: float, scene: TriangleScene
 ) -> NDArray[np.uint8]:
     """1 in the cells of the interior that have a floor within STEP of the level: not over stairwells."""
     cells = np.argwhere(interior)
     above = np.column_stack([origin + CELL * cells[:, ::-1], np.full(len(cells), level + STEP)])
-    down = np.tile([0.0, 0.0, -1.0], (len(cells), 1))
     floor = np.zeros_like(interior)
-    floor[tuple(cells.T)] = scene.distances(above, down) <= 2 * STEP
+    floor[tuple(cells.T)] = scene.distances(above, np.array([0.0, 0.0, -1.0])) <= 2 * STEP
     return floor
 
 

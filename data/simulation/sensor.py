@@ -1,8 +1,7 @@
 """A simulated LiDAR, and an IMU in it."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -27,59 +26,16 @@ class Scene(Protocol):
         """(N,) metres along unit `directions` (N, 3) from `origins`, (3,) or (N, 3); inf where nothing is."""
 
 
-class Sensor(ABC):
-    """Sensor frame: x forward, y left, z up. Ranges in metres, `rate` in scans a second.
-
-    `range_noise` is the standard deviation of a Gaussian error along the beam. Ray i is cast by laser `i % beams`. Rays
-    that hit nothing between `min_range` and `max_range` give no point.
-    """
-
-    beams: int
-    range_noise: float
-    min_range: float
-    max_range: float
-    rate: float
-
-    @abstractmethod
-    def rays(self, scan: int) -> tuple[Array, Array]:
-        """Directions (N, 3), unit vectors in the sensor frame, of the scan with this number, and their times (N,) in
-        seconds after its stamp, from 0 to less than 1 / `rate`, in order of time."""
-
-    def scan(self, scene: Scene, T_bim_sensor: Array, rng: np.random.Generator, number: int = 0) -> Points:
-        """(N, 3) points in the sensor frame, all measured at one instant: no motion distortion."""
-        directions, _ = self.rays(number)
-        ranges = scene.distances(T_bim_sensor[:3, 3], directions @ T_bim_sensor[:3, :3].T)
-        return self._points(directions, ranges, rng)[0]
-
-    def moving_scan(
-        self, scene: Scene, T_bim_sensor: Array, rng: np.random.Generator, number: int
-    ) -> tuple[Points, NDArray[np.float32]]:
-        """A scan of a sensor that moves meanwhile: `T_bim_sensor` (M, 4, 4) are its poses at its `instants`.
-
-        Returns (N, 3) points, each in the sensor's frame at its own time, and (N,) these times in seconds after the
-        stamp.
-        """
-        directions, seconds = self.rays(number)
-        T = T_bim_sensor[np.cumsum(np.diff(seconds, prepend=-1.0) > 0) - 1]
-        turned = np.einsum("nij,nj->ni", T[:, :3, :3], directions)
-        points, seen = self._points(directions, scene.distances(T[:, :3, 3], turned), rng)
-        return points, seconds[seen].astype(np.float32)
-
-    def instants(self, number: int) -> Array:
-        """(M,) the different times of a scan's rays, in order."""
-        seconds = self.rays(number)[1]
-        return seconds[np.diff(seconds, prepend=-1.0) > 0]
-
-    def _points(self, directions: Array, ranges: Array, rng: np.random.Generator) -> tuple[Points, NDArray[np.bool_]]:
-        """Noisy points of those rays that return, and which do."""
-        seen = (ranges >= self.min_range) & (ranges <= self.max_range)
-        measured = ranges[seen] + rng.normal(0.0, self.range_noise, int(seen.sum()))
-        return (directions[seen] * measured[:, None]).astype(np.float32), seen
-
-
 @dataclass(frozen=True)
-class SpinningSensor(Sensor):
-    """Beams one over another that turn about the z axis, all scans alike. Angles in degrees."""
+class Sensor:
+    """Beams one over another that turn about the z axis, all scans alike; or with a `curve` one beam that follows it,
+    and does not repeat from scan to scan.
+
+    Sensor frame: x forward, y left, z up. Angles in degrees, ranges in metres, `rate` in scans a second; `range_noise`
+    is the standard deviation of a Gaussian error along the beam. Each beam is cast at `azimuths` times of a scan. Rays
+    that hit nothing between `min_range` and `max_range` give no point. `curve` gives azimuth and elevation (N,),
+    radians, at times (N,) in seconds since the drive's beginning.
+    """
 
     beams: int = 16
     lowest_deg: float = -15.0
@@ -89,46 +45,44 @@ class SpinningSensor(Sensor):
     min_range: float = 0.3
     max_range: float = 100.0
     rate: float = 10.0
-
-    def __post_init__(self) -> None:
-        """Raises UserError for an impossible sensor."""
-        if self.beams < 1 or self.azimuths < 1 or not self.rate > 0:
-            raise UserError("sensor: beams, azimuths and rate must be positive")
-        if not -90 <= self.lowest_deg <= self.highest_deg <= 90:
-            raise UserError("sensor: elevations must rise from lowest to highest, within -90 and 90 degrees")
-        if not 0 <= self.min_range < self.max_range or not self.range_noise >= 0:
-            raise UserError("sensor: ranges must be 0 <= min < max, and the noise must not be negative")
+    curve: Callable[[Array], tuple[Array, Array]] | None = None
 
     @cached_property
-    def _rays(self) -> tuple[Array, Array]:
-        """Turning left from x, beams lowest first."""
+    def instants(self) -> Array:
+        """(M,) the times at which the beams are cast, in seconds after a scan's stamp."""
+        return np.arange(self.azimuths) / (self.azimuths * self.rate)
+
+    @cached_property
+    def seconds(self) -> Array:
+        """(N,) when each ray is cast, likewise. Ray i is cast by beam `i % beams`."""
+        return np.repeat(self.instants, self.beams)
+
+    @cached_property
+    def _spun(self) -> Array:
+        """(N, 3) turning left from x, beams lowest first."""
         azimuth = np.linspace(-np.pi, np.pi, self.azimuths, endpoint=False)
         elevation = np.radians(np.linspace(self.lowest_deg, self.highest_deg, self.beams))
-        a, e = (angle.ravel() for angle in np.meshgrid(azimuth, elevation, indexing="ij"))
-        return _unit(a, e), np.repeat(np.arange(self.azimuths) / (self.azimuths * self.rate), self.beams)
+        return _unit(np.repeat(azimuth, self.beams), np.tile(elevation, self.azimuths))
 
-    def rays(self, scan: int) -> tuple[Array, Array]:
-        return self._rays
+    def rays(self, scan: int) -> Array:
+        """(N, 3) directions, unit vectors in the sensor frame, of the scan with this number."""
+        return self._spun if self.curve is None else _unit(*self.curve(scan / self.rate + self.seconds))
 
-
-@dataclass(frozen=True)
-class PatternSensor(Sensor):
-    """Rays along a curve that does not repeat from scan to scan.
-
-    `curve` gives azimuth and elevation (N,), radians, at times (N,) in seconds since the drive's beginning.
-    """
-
-    curve: Callable[[Array], tuple[Array, Array]]
-    points: int
-    beams: int = 1
-    range_noise: float = 0.02
-    min_range: float = 0.3
-    max_range: float = 70.0
-    rate: float = 10.0
-
-    def rays(self, scan: int) -> tuple[Array, Array]:
-        seconds = np.arange(self.points) / (self.points * self.rate)
-        return _unit(*self.curve(scan / self.rate + seconds)), seconds
+    def scan(
+        self, scene: Scene, T_bim_sensor: Array, rng: np.random.Generator, number: int = 0
+    ) -> tuple[Points, NDArray[np.float32]]:
+        """(N, 3) noisy points of the rays that return, each in the sensor's frame at its own time, and (N,) these times
+        in seconds after the stamp. `T_bim_sensor` (M, 4, 4) are the sensor's poses at the `instants`; one (4, 4): it
+        stands still."""
+        directions = self.rays(number)
+        if T_bim_sensor.ndim == 2:
+            ranges = scene.distances(T_bim_sensor[:3, 3], directions @ T_bim_sensor[:3, :3].T)
+        else:
+            T = np.repeat(T_bim_sensor, self.beams, axis=0)
+            ranges = scene.distances(T[:, :3, 3], np.einsum("nij,nj->ni", T[:, :3, :3], directions))
+        seen = (ranges >= self.min_range) & (ranges <= self.max_range)
+        measured = ranges[seen] + rng.normal(0.0, self.range_noise, int(seen.sum()))
+        return (directions[seen] * measured[:, None]).astype(np.float32), self.seconds[seen].astype(np.float32)
 
 
 def _unit(azimuth: Array, elevation: Array) -> Array:
@@ -157,15 +111,15 @@ def rosette(t: Array) -> tuple[Array, Array]:
     return np.radians(35.0) * right, np.radians(38.5) * up
 
 
-VLP_16 = SpinningSensor()
+VLP_16 = Sensor()
 # by the names of products that they resemble; all with the same noise, so that a comparison shows what the pattern does
 SENSORS: dict[str, Sensor] = {
     "VLP-16": VLP_16,
-    "OS0-32": SpinningSensor(32, -45.0, 45.0, 1024, max_range=50.0),
-    "OS1-64": SpinningSensor(64, -22.5, 22.5, 512),  # its mode of 512 azimuths
-    "XT32": SpinningSensor(32, -16.0, 15.0, 1000),
-    "Mid-360": PatternSensor(dome, 20_000),
-    "sector": PatternSensor(rosette, 24_000),
+    "OS0-32": Sensor(32, -45.0, 45.0, 1024, max_range=50.0),
+    "OS1-64": Sensor(64, -22.5, 22.5, 512),  # its mode of 512 azimuths
+    "XT32": Sensor(32, -16.0, 15.0, 1000),
+    "Mid-360": Sensor(1, azimuths=20_000, max_range=70.0, curve=dome),
+    "sector": Sensor(1, azimuths=24_000, max_range=70.0, curve=rosette),
 }
 
 
@@ -179,9 +133,7 @@ def sensor_named(name: str) -> Sensor:
 
 def described(sensor: Sensor) -> dict[str, object]:
     """The sensor's settings, for JSON."""
-    assert is_dataclass(sensor) and not isinstance(sensor, type)
-    settings = {field.name: getattr(sensor, field.name) for field in fields(sensor)}
-    return {name: getattr(value, "__name__", value) for name, value in settings.items()}
+    return asdict(replace(sensor, curve=None)) | {"curve": getattr(sensor.curve, "__name__", None)}
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ or on legs, and on wheels tilts with it by a small part of its angle.
 
 import shutil
 import tempfile
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -17,17 +18,17 @@ from scipy.spatial.transform import Rotation
 
 from data.common.errors import UserError
 from data.common.files import write_atomically, write_json
-from data.imu import ImuSamples, write_imu
+from data.imu import write_imu
 from data.scans.writers import SCAN_WRITERS, WITH_TIMES
 from data.simulation.as_built import write_plan_without
 from data.simulation.carriers import WHEELED, Carrier
 from data.simulation.changes import AS_PLANNED, Change, Changes
 from data.simulation.drive import Motion, plan_drive
-from data.simulation.effects import World, checked, furnished, noisy
+from data.simulation.effects import checked, furnished, noisy
 from data.simulation.furniture import RISE
 from data.simulation.route import curve_length
-from data.simulation.sensor import VLP_16, Points, Sensor, described, imu_named, measured
-from data.simulation.storey_model import RoomLabel, load_storeys
+from data.simulation.sensor import VLP_16, Sensor, described, imu_named, measured
+from data.simulation.storey_model import load_storeys
 from data.simulation.way import Way, way_through
 from data.trajectory import Trajectory
 from data.trajectory.stamps import ns_to_seconds
@@ -42,32 +43,29 @@ SENSOR_TOP = 0.1  # m: half a sensor's height
 
 
 @dataclass(frozen=True)
-class VisitedRoom(RoomLabel):
-    """A room, the time (s) at which the robot first entered it, and the name of its storey."""
+class VisitedRoom:
+    """A room, the time (s) at which the robot entered it, and the name of its storey."""
 
-    entered_s: float = 0.0
-    storey: str = ""
+    id: str
+    name: str
+    entered_s: float
+    storey: str
 
 
 @dataclass(frozen=True, eq=False)
 class SimulatedRun:
-    """A simulated drive. `rooms` are in order of entry, starting room first; `truth` is T_bim_sensor of each scan.
-
-    `storey` is where it began, `storeys` are all of them in order. Lengths are in metres, angles in radians;
-    `start_yaw` is in the BIM frame. `changes` are the differences from the plan; `stands_off` are the offsets of all
-    walls by the effect `tolerance`.
+    """A simulated drive of `length` metres, through `storeys`. `rooms` are in order of entry, starting room first;
+    `truth` is T_bim_sensor of each scan. `changes` are the differences from the plan; `stands_off` are the offsets of
+    all walls by the effect `tolerance`.
     """
 
     out_dir: Path
-    storey: str
-    seed: int
+    storeys: tuple[str, ...]
     length: float
-    start_yaw: float
     rooms: tuple[VisitedRoom, ...]
     truth: Trajectory
-    changes: tuple[Change, ...] = ()
-    storeys: tuple[str, ...] = ()
-    stands_off: tuple[Change, ...] = ()
+    changes: tuple[Change, ...]
+    stands_off: tuple[Change, ...]
 
     @property
     def plan(self) -> Path | None:
@@ -99,6 +97,7 @@ def simulate(
     shaken_from: float | None = None,
     scan_format: str | None = None,
 ) -> SimulatedRun:
+    """Writes a drive to a new folder. Raises UserError for what cannot be, and as the readers of buildings do."""
     effects = checked(effects)
     rolling = carrier.rolling or "rolling" in effects
     scan_format = scan_format or ("ply" if rolling else "bin")
@@ -116,39 +115,43 @@ def simulate(
     truth = _truth(sensor, motion, rolling, seconds)
     stamps = truth.stamps_ns / 1e9
     ground = motion.ground(stamps)
-    rooms = _visited(way, stamps, ground)
     run = SimulatedRun(
-        out_dir=Path(out_dir),
-        storey=models[0].name,
-        seed=seed,
-        length=sum(map(curve_length, way.legs)) if seconds is None else curve_length(ground[:, :2]),
-        start_yaw=way.start_yaw,
-        rooms=rooms,
-        truth=truth,
-        changes=models[0].changes,
-        storeys=tuple(model.name for model in models),
-        stands_off=tuple(change for model in models for change in model.stands_off),
+        Path(out_dir),
+        tuple(model.name for model in models),
+        sum(map(curve_length, way.legs)) if seconds is None else curve_length(ground[:, :2]),
+        _visited(way, stamps, ground),
+        truth,
+        models[0].changes,
+        tuple(change for model in models for change in model.stands_off),
     )
-    entered = {room.id for room in rooms}
-    world = furnished(effects, way, motion, entered, float(stamps[-1]), sensor.beams, seed)
-    settings = {
-        "bim": Path(building).name,
-        "sensor": described(sensor),
-        "robot": asdict(robot),
-        "sensor_height_m": carrier.height,
-        "rolling": rolling,
-        "times_told": rolling and scan_format in WITH_TIMES,
-        "carrier": carrier.name,
-        "mount_deg": list(mount_deg),
-        "effects": sorted(effects),
-        **({} if imu is None else {"imu": imu}),
-    }
-    samples = None
-    if unit is not None:
-        samples = measured(motion.poses, float(stamps[-1]) + 1 / sensor.rate, unit, seed)
-    moving = motion if rolling else None
-    scans = (_scan(sensor, moving, T, world, k, seed) for k, T in enumerate(truth.poses))
-    _write(run, scans, samples, scan_format, settings, building)
+    world = furnished(effects, way, motion, {room.id for room in run.rooms}, float(stamps[-1]), sensor.beams, seed)
+    with _whole_folder(run.out_dir) as folder:
+        (folder / "scans").mkdir()
+        for k, T_bim_sensor in enumerate(truth.poses):
+            rng, chance, stamp = np.random.default_rng([seed, k]), np.random.default_rng([seed, k, 41]), k / sensor.rate
+            scene = world.at(stamp + sensor.seconds if rolling else stamp, chance)
+            T = motion.poses(stamp + sensor.instants) if rolling else T_bim_sensor
+            points, times = sensor.scan(scene, T, rng, k)
+            SCAN_WRITERS[scan_format](folder / "scans" / f"{k:06d}.{scan_format}", points, times if rolling else None)
+        times_file = "".join(f"{ns_to_seconds(stamp)}\n" for stamp in truth.stamps_ns.tolist())
+        write_atomically(folder / "scans" / "times.txt", times_file)
+        truth.write_tum(folder / "truth.tum")
+        if unit is not None:
+            samples = measured(motion.poses, float(stamps[-1]) + 1 / sensor.rate, unit, seed)
+            write_imu(samples, folder / "scans" / IMU)
+        for name, of in (("changes.json", run.changes), ("tolerances.json", run.stands_off)):
+            if of:
+                write_json(folder / name, [asdict(change) for change in of])
+        if unplanned := [change.id for change in run.changes if change.kind == "unplanned"]:
+            write_plan_without(building, unplanned, folder / PLAN)
+        write_json(folder / "run.json", {
+            "bim": Path(building).name, "storey": models[0].name, "storeys": run.storeys, "seed": seed,
+            "scans": len(truth), "length_m": run.length, "rooms_entered": run.rooms_entered,
+            "rooms": [asdict(room) for room in run.rooms], "sensor": described(sensor), "robot": asdict(robot),
+            "sensor_height_m": carrier.height, "rolling": rolling, "carrier": carrier.name, "imu": imu,
+            "times_told": rolling and scan_format in WITH_TIMES, "mount_deg": list(mount_deg),
+            "effects": sorted(effects),
+        })  # fmt: skip
     return run
 
 
@@ -160,20 +163,8 @@ def _truth(sensor: Sensor, motion: Motion, rolling: bool, seconds: float | None)
     stamps = np.arange(count) / sensor.rate
     poses = motion.poses(stamps)
     if rolling:  # on stairs, attitudes are those of the way during a scan
-        poses = np.concatenate([motion.poses(stamps[k] + sensor.instants(k)[:2])[:1] for k in range(count)])
+        poses = np.concatenate([motion.poses(stamps[k] + sensor.instants[:2])[:1] for k in range(count)])
     return Trajectory(np.rint(stamps * 1e9).astype(np.int64), poses)
-
-
-def _scan(
-    sensor: Sensor, motion: Motion | None, T_bim_sensor: Array, world: World, k: int, seed: int
-) -> tuple[Points, Points | None]:
-    """Points (N, 3) of scan k and, if the sensor moves meanwhile, their times (N,) in seconds after the stamp."""
-    rng, chance = np.random.default_rng([seed, k]), np.random.default_rng([seed, k, 41])
-    stamp = k / sensor.rate
-    if motion is None:
-        return sensor.scan(world.at(stamp, chance), T_bim_sensor, rng, k), None
-    scene = world.at(stamp + sensor.rays(k)[1], chance)
-    return sensor.moving_scan(scene, motion.poses(stamp + sensor.instants(k)), rng, k)
 
 
 def _check(out: Path, carrier: Carrier, scan_format: str, seed: int, seconds: float | None) -> None:
@@ -201,43 +192,24 @@ def _visited(way: Way, stamps: Array, ground: Array) -> tuple[VisitedRoom, ...]:
         entered[row, on] = planner.grid.room_at(ground[on, :2])
     for stamp, of in zip(stamps, entered.T, strict=True):
         for k, planner in zip(of, way.planners, strict=True):
-            room = planner.grid.rooms[k]
+            room = planner.model.spaces[k]
             if k >= 0 and (not visited or visited[-1].id != room.id):
-                visited.append(VisitedRoom(**asdict(room), entered_s=float(stamp), storey=planner.model.name))
+                visited.append(VisitedRoom(room.id, room.name, float(stamp), planner.model.name))
     return tuple(visited)
 
 
-def _write(
-    run: SimulatedRun, scans: Iterable[tuple[Points, Points | None]], samples: ImuSamples | None, scan_format: str,
-    settings: dict[str, object], bim: Path | str,
-) -> None:  # fmt: skip
-    """Casts the rays and writes to a temporary folder, which is then renamed: all or nothing."""
+@contextmanager
+def _whole_folder(path: Path) -> Iterator[Path]:
+    """Yields a temporary folder, which is then renamed: all or nothing."""
     try:
-        run.out_dir.parent.mkdir(parents=True, exist_ok=True)
-        unfinished = Path(tempfile.mkdtemp(dir=run.out_dir.parent, prefix=f".{run.out_dir.name}."))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        unfinished = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}."))
     except OSError as error:
-        raise UserError(f"{run.out_dir}: cannot be written ({error.strerror}); give another --out") from None
+        raise UserError(f"{path}: cannot be written ({error.strerror}); give another --out") from None
     try:
-        (folder := unfinished / "scans").mkdir()
-        for i, (points, times) in enumerate(scans):
-            SCAN_WRITERS[scan_format](folder / f"{i:06d}.{scan_format}", points, times)
-        stamps = run.truth.stamps_ns.tolist()
-        write_atomically(folder / "times.txt", "".join(f"{ns_to_seconds(stamp)}\n" for stamp in stamps))
-        run.truth.write_tum(unfinished / "truth.tum")
-        if samples is not None:
-            write_imu(samples, folder / IMU)
-        for name, changes in (("changes.json", run.changes), ("tolerances.json", run.stands_off)):
-            if changes:
-                write_json(unfinished / name, [asdict(change) for change in changes])
-        if unplanned := [change.id for change in run.changes if change.kind == "unplanned"]:
-            write_plan_without(bim, unplanned, unfinished / PLAN)
-        write_json(unfinished / "run.json", {
-            "storey": run.storey, "storeys": run.storeys, "seed": run.seed, "scans": len(run.truth),
-            "length_m": run.length, "start_yaw_rad": run.start_yaw, "rooms_entered": run.rooms_entered,
-            "rooms": [asdict(room) for room in run.rooms], **settings,
-        })  # fmt: skip
+        yield unfinished
         unfinished.chmod(0o755)
-        unfinished.replace(run.out_dir)
+        unfinished.replace(path)
     except BaseException:
         shutil.rmtree(unfinished)
         raise

@@ -6,18 +6,19 @@ from functools import cache
 from pathlib import Path
 
 import ifcopenshell
-import ifcopenshell.util.placement
-import ifcopenshell.util.unit
 import numpy as np
+import shapely
 from ifcopenshell.util.element import get_aggregate
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
-from data.geometry.areas import triangles_of
+from data.geometry.areas import Area, triangles_of
 from data.geometry.raycast import TriangleScene, area_normals
+from data.ifc.graph import read_ifc
 from data.ifc.products import IfcProduct, open_ifc, products
 from data.ifc.rooms import STAIRS
 from data.plans.mesh_plan import is_mesh, read_mesh
+from data.scene_graph import Room
 from data.simulation.as_built import as_built, recut
 from data.simulation.changes import AS_PLANNED, Change, Changes, draw_changes, draw_tolerances, of_class
 
@@ -30,19 +31,11 @@ FLOOR_SEARCH = 0.6  # m: a floor or ceiling lies this close to the lower or uppe
 
 
 @dataclass(frozen=True)
-class RoomLabel:
-    """GlobalId, Name and LongName of an IfcSpace."""
+class Space:
+    """A room: its lower and upper faces, in the BIM frame; the id is an IfcSpace's GlobalId."""
 
     id: str
-    name: str = ""
-    long_name: str = ""
-
-
-@dataclass(frozen=True)
-class Space:
-    """A room: its lower and upper faces, in the BIM frame."""
-
-    label: RoomLabel
+    name: str
     bottom: Triangles
     top: Triangles
 
@@ -96,14 +89,18 @@ def load_storeys(
 
     @cache
     def read(storey: ifcopenshell.entity_instance) -> StoreyModel:
-        return _storey_model(model, storey, solid, others, changes, seed, tolerance)
+        rooms = (_space(p) for p in others["IfcSpace"] if p.storey == storey.GlobalId)
+        spaces = tuple(space for space in rooms if len(space.bottom)) or _rooms_between_walls(path, storey.GlobalId)
+        if not spaces:
+            raise UserError(f"storey '{storey.Name or storey.GlobalId}' has no rooms to drive in; choose another one")
+        return _storey_model(model, storey, spaces, solid, others, changes, seed, tolerance)
 
     return [read(storey) for storey in entities]
 
 
 def _storey_model(
-    model: ifcopenshell.file, storey: ifcopenshell.entity_instance, planned: list[IfcProduct],
-    others: Mapping[str, list[IfcProduct]], changes: Changes, seed: int, tolerance: float,
+    model: ifcopenshell.file, storey: ifcopenshell.entity_instance, spaces: tuple[Space, ...],
+    planned: list[IfcProduct], others: Mapping[str, list[IfcProduct]], changes: Changes, seed: int, tolerance: float,
 ) -> StoreyModel:  # fmt: skip
     """Of the whole building's `planned` solid products, and others by class."""
 
@@ -114,25 +111,20 @@ def _storey_model(
     made = draw_changes(model, here(planned), openings, changes, seed) if changes.any else ()
     shifts = draw_tolerances(of_class(model, here(planned), "IfcWall"), tolerance, seed) if tolerance else ()
     cut = recut(model, planned, openings, made)
-    solid = as_built(model, cut, made, shifts)
-    own = [p.triangles for p in here(solid)]
-    rooms = (_space(model.by_guid(p.global_id), p) for p in here(others["IfcSpace"]))
-    spaces = tuple(space for space in rooms if len(space.bottom))
-    if not solid or not (spaces or own):
-        raise UserError(f"storey '{storey.Name or storey.GlobalId}' has no geometry to drive in; choose another storey")
+    solid = as_built(model, cut, (*made, *shifts))
     triangles = np.concatenate([p.triangles for p in solid])
     panes = np.concatenate([np.full(len(p.faces), _is_pane(model.by_guid(p.global_id))) for p in solid])
     stairs = [p.triangles for p in solid if p.ifc_class in STAIRS]
-    level = _floor_of_spaces(spaces) if spaces else _elevation(model, storey)
+    level = _floor_of_spaces(spaces)
     floors, ceilings = (_missing_faces(triangles, spaces, stairs, sign) for sign in (-1.0, 1.0))
     if floors:  # in doorways too, under the openings that stand on the floor
         holes = (p.triangles for p in as_built(model, openings, made))
         floors += [hole[np.abs(hole[:, :, 2] - level).max(axis=1) < 0.05] for hole in holes]
     triangles = np.concatenate([triangles, *floors, *ceilings])
-    extent = _extent([space.bottom for space in spaces] or own)
+    extent = _extent(spaces)
     level = _measured_floor(TriangleScene(triangles), level, extent)
     glazed = np.pad(panes, (0, len(triangles) - len(panes)))
-    leaves = tuple(p.triangles for p in here(as_built(model, others["IfcDoor"], made, shifts)))
+    leaves = tuple(p.triangles for p in here(as_built(model, others["IfcDoor"], (*made, *shifts))))
     walls = tuple(of_class(model, here(cut), "IfcWall"))
     return StoreyModel(
         storey.Name or "", level, spaces, triangles, glazed, leaves, extent, made, walls,
@@ -140,8 +132,23 @@ def _storey_model(
     )  # fmt: skip
 
 
-def _extent(parts: list[Triangles]) -> tuple[Xy, Xy]:
-    corners = np.concatenate(parts).reshape(-1, 3)[:, :2]
+def _rooms_between_walls(path: Path | str, storey: str) -> tuple[Space, ...]:
+    """The rooms of a storey (GlobalId) without spaces, as its A-graph has them."""
+    graph, _ = read_ifc(path)
+    z = next((floor.elevation for floor in graph.floors if floor.id == storey), None) or 0.0
+    rooms = [room for room in graph.rooms if room.floor == storey and room.polygon is not None]
+    return tuple(_flat_space(room, shapely.Polygon(room.polygon), z) for room in rooms)
+
+
+def _flat_space(room: Room, area: Area, *levels: float) -> Space:
+    """With a level lower face, and an upper one if its height is known too."""
+    plan = triangles_of(area)
+    low, *high = (np.dstack([plan, np.full(plan.shape[:2], z)]) for z in levels)
+    return Space(room.id, room.name, low, high[0] if high else low[:0])
+
+
+def _extent(spaces: Iterable[Space]) -> tuple[Xy, Xy]:
+    corners = np.concatenate([space.bottom for space in spaces]).reshape(-1, 3)[:, :2]
     return corners.min(axis=0), corners.max(axis=0)
 
 
@@ -167,14 +174,13 @@ def _is_pane(entity: ifcopenshell.entity_instance) -> bool:
     return bool(of_curtain) or _is_any(entity, ("IfcWindow", "IfcCurtainWall"))
 
 
-def _space(entity: ifcopenshell.entity_instance, product: IfcProduct) -> Space:
+def _space(product: IfcProduct) -> Space:
     triangles = product.triangles
     normals = area_normals(triangles)
     level = np.abs(normals[:, 2]) > 0.5 * np.linalg.norm(normals, axis=1)
     middle = (product.vertices[:, 2].min() + product.vertices[:, 2].max()) / 2
     low = triangles[:, :, 2].mean(axis=1) < middle
-    label = RoomLabel(product.global_id, product.name, entity.LongName or "")
-    return Space(label, triangles[level & low], triangles[level & ~low])
+    return Space(product.global_id, product.name, triangles[level & low], triangles[level & ~low])
 
 
 def _floor_of_spaces(spaces: tuple[Space, ...]) -> float:
@@ -186,16 +192,11 @@ def _floor_of_spaces(spaces: tuple[Space, ...]) -> float:
     return float(z[order][np.searchsorted(total, total[-1] / 2)])
 
 
-def _elevation(model: ifcopenshell.file, storey: ifcopenshell.entity_instance) -> float:
-    placement = ifcopenshell.util.placement.get_local_placement(storey.ObjectPlacement)
-    return float(placement[2, 3]) * float(ifcopenshell.util.unit.calculate_unit_scale(model))
-
-
 def _measured_floor(scene: TriangleScene, level: float, extent: tuple[Xy, Xy]) -> float:
     """The z that most rays down from FLOOR_SEARCH above the level hit; the level if hardly any hit."""
     xy = np.random.default_rng(0).uniform(*extent, (5000, 2))
     origins = np.column_stack([xy, np.full(len(xy), level + FLOOR_SEARCH)])
-    z = level + FLOOR_SEARCH - scene.distances(origins, np.tile([0.0, 0.0, -1.0], (len(xy), 1)))
+    z = level + FLOOR_SEARCH - scene.distances(origins, np.array([0.0, 0.0, -1.0]))
     z = z[np.abs(z - level) < FLOOR_SEARCH - 0.01]  # origins inside of things see these things' lower faces
     if len(z) < 0.1 * len(xy):
         return level
@@ -223,19 +224,15 @@ def _covered(scene: TriangleScene, faces: Triangles, sign: float) -> float:
     chosen = faces[rng.choice(len(faces), 200, p=area / area.sum())]
     weights = rng.dirichlet(np.ones(3), 200)
     points = np.einsum("nk,nkd->nd", weights, chosen) - [0, 0, sign * 0.3]
-    return float(np.mean(scene.distances(points, np.tile([0.0, 0.0, sign], (200, 1))) < 0.3 + FLOOR_SEARCH))
+    return float(np.mean(scene.distances(points, np.array([0.0, 0.0, sign])) < 0.3 + FLOOR_SEARCH))
 
 
 def _stair_crosses(faces: Triangles, stairs: list[Triangles]) -> bool:
     corners = faces.reshape(-1, 3)
-    z = corners[:, 2].mean()
-    low, high = corners[:, :2].min(axis=0) + 0.1, corners[:, :2].max(axis=0) - 0.1
-    for stair in stairs:
-        points = stair.reshape(-1, 3)
-        apart = np.any(points[:, :2].max(axis=0) < low) or np.any(points[:, :2].min(axis=0) > high)
-        if not apart and points[:, 2].min() < z - 0.5 and points[:, 2].max() > z - 0.3:
-            return True
-    return False
+    low, high = corners.min(axis=0) + 0.1, corners.max(axis=0) - 0.1
+    low[2], high[2] = (corners[:, 2].mean() + beyond for beyond in (-0.3, -0.5))
+    boxes = ((stair.min(axis=(0, 1)), stair.max(axis=(0, 1))) for stair in stairs)
+    return any((least <= high).all() and (most >= low).all() for least, most in boxes)
 
 
 def _mesh_storey(path: Path | str, storey: str, seed: int, tolerance: float) -> StoreyModel:
@@ -249,16 +246,11 @@ def _mesh_storey(path: Path | str, storey: str, seed: int, tolerance: float) -> 
     levels = [v for v in building.levels if v.floor is not None and storey in ("", v.floor, names[v.floor])]
     if not levels:
         raise UserError(f"{path}: no level '{storey}'; it has: {', '.join(repr(name) for name in names.values())}")
-    level, spaces = levels[0], []
-    for volume in level.rooms:
-        plan, room = triangles_of(volume.area), volume.room
-        bottom = np.dstack([plan, np.full(plan.shape[:2], level.bottom)])
-        top = bottom + np.array([0.0, 0.0, level.top - level.bottom])
-        spaces.append(Space(RoomLabel(room.id, room.name, room.name), bottom, top))
+    level = levels[0]
+    spaces = tuple(_flat_space(of.room, of.area, level.bottom, level.top) for of in level.rooms)
     solid = _shifted(building.triangles, tolerance, seed) if tolerance else building.triangles
-    extent = _extent([space.bottom for space in spaces])
     name, no_panes = names[str(level.floor)], np.zeros(len(solid), dtype=bool)
-    return StoreyModel(name, level.bottom, tuple(spaces), solid, no_panes, (), extent)
+    return StoreyModel(name, level.bottom, spaces, solid, no_panes, (), _extent(spaces))
 
 
 def _shifted(triangles: Triangles, tolerance: float, seed: int) -> Triangles:

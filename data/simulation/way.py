@@ -82,7 +82,7 @@ def _ground(columns: NDArray[np.int64], scene: TriangleScene, levels: tuple[floa
     z = np.full(len(columns), levels[1] + HEADROOM / 2)
     for _ in range(LAYERS):
         origins = np.column_stack([CELL * columns, z])
-        z = z - scene.distances(origins, np.tile(_DOWN, (len(z), 1)))
+        z = z - scene.distances(origins, _DOWN)
         found = z > levels[0] - SAME
         columns, z = columns[found], z[found]
         if not len(z):
@@ -92,32 +92,16 @@ def _ground(columns: NDArray[np.int64], scene: TriangleScene, levels: tuple[floa
         cells.append(columns[known])
         z = z - 0.01
     ground, at = np.concatenate(places), np.concatenate(cells)
-    free = scene.distances(ground + 0.02 * _UP, np.tile(_UP, (len(ground), 1))) > HEADROOM
+    free = scene.distances(ground + 0.02 * _UP, _UP) > HEADROOM
     ground, at = ground[free], at[free]
-    firm = _has_rim(ground, scene, radius)
+    # ground all around at about the same height
+    rim = (scene.distances(ground + radius * aside + RIM * _UP, _DOWN) < 2 * RIM for aside in _around(8))
+    firm = np.logical_and.reduce(list(rim))
     ground, at = ground[firm], at[firm]
-    room = _room(ground, scene, radius + COMFORT)
+    beside = (scene.distances(ground + height * _UP, aside) for height in HEIGHTS for aside in _around(16))
+    room = np.minimum(radius + COMFORT, np.minimum.reduce(list(beside)))
     stands = room > radius
     return _Ground(ground[stands], at[stands], room[stands])
-
-
-def _has_rim(places: Leg, scene: TriangleScene, radius: float) -> NDArray[np.bool_]:
-    """Whether there is ground all around at about the same height."""
-    firm = np.ones(len(places), dtype=bool)
-    for direction in _around(8):
-        beside = places + radius * direction + RIM * _UP
-        firm &= scene.distances(beside, np.tile(_DOWN, (len(places), 1))) < 2 * RIM
-    return firm
-
-
-def _room(places: Leg, scene: TriangleScene, most: float) -> NDArray[np.float64]:
-    """Distance in metres to the nearest obstacle to the side, at any of the heights; at most `most`."""
-    room = np.full(len(places), most)
-    for height in HEIGHTS:
-        for direction in _around(16):
-            tiled = np.tile(direction, (len(places), 1))
-            room = np.minimum(room, scene.distances(places + height * _UP, tiled))
-    return room
 
 
 def _around(count: int) -> NDArray[np.float64]:

@@ -51,32 +51,27 @@ class Storey(Segments):
             shapely.prepare(area)
         return [a if a is not None and a.area > 0 else None for a in areas]
 
+    @cached_property
+    def _extents(self) -> list[Area]:
+        """Each room's footprint, else the box of its walls, else its centroid."""
+        ends = np.concatenate((self.centre - self.arm, self.centre + self.arm), axis=1)
+        places = [
+            ends[walls].reshape(-1, 2) if len(walls) else self.middle[[k]] for k, walls in enumerate(self.walls_of)
+        ]
+        boxes = (shapely.multipoints(of).envelope.buffer(1e-9) for of in places)
+        return [box if area is None else area for area, box in zip(self.areas, boxes, strict=True)]
+
     def holds(self, room: int, points: Array) -> bool:
-        """Whether all of the points (M, 2) lie in a room: in its footprint, else in the box of its walls."""
-        area = self.areas[room]
-        if area is not None:
-            return bool(shapely.contains_xy(area, points[:, 0], points[:, 1]).all())
-        low, high = self._boxes[room]
-        return bool(((points >= low) & (points <= high)).all())
+        """Whether all of the points (M, 2) lie in a room."""
+        return bool(shapely.contains_xy(self._extents[room], points[:, 0], points[:, 1]).all())
 
     def somewhere_in(self, room: int, rng: np.random.Generator) -> Array:
-        """(2,) a random place in a room, drawn from its box; its centroid if no draw lies in the room."""
-        area = self.areas[room]
-        low, high = self._boxes[room] if area is None else np.reshape(area.bounds, (2, 2))
+        """(2,) a random place in a room, drawn from the box around it; its centroid if no draw lies in the room."""
+        low, high = np.reshape(self._extents[room].bounds, (2, 2))
         for place in rng.uniform(low, high, (20, 2)):
             if self.holds(room, place[None]):
                 return np.asarray(place)
         return self.middle[room]
-
-    @cached_property
-    def _boxes(self) -> Array:
-        """(rooms, 2, 2) lower and upper corner of the box of each room's walls; a room without walls is a point."""
-        ends = np.stack((self.centre - self.arm, self.centre + self.arm), axis=1)
-        boxes = np.stack((self.middle, self.middle), axis=1)
-        for k, walls in enumerate(self.walls_of):
-            if len(walls):
-                boxes[k] = ends[walls].min(axis=(0, 1)), ends[walls].max(axis=(0, 1))
-        return boxes
 
     @cached_property
     def by_door(self) -> list[list[int]]:

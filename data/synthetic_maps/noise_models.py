@@ -17,8 +17,8 @@ of the box of its surfaces; names, sources, heights and ids of the plan are miss
 origin and heading are those of a robot that started somewhere in one of the rooms.
 """
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import shapely
@@ -32,12 +32,13 @@ from data.synthetic_maps.exploration import Index, Storey, Walk, storeys_of, wal
 from data.synthetic_maps.wall_noise import (
     DOOR_MISSING,
     USUAL,
-    MapRooms,
     NoiseLevels,
     ObservedWalls,
+    Passage,
+    as_entered,
     mis_segmented,
     observe_walls,
-    rooms_as_entered,
+    passages,
     true_rooms,
 )
 
@@ -133,9 +134,9 @@ def _paper(storey: Storey, rng: np.random.Generator) -> DrawnGraph:
     yaw = rng.uniform(0, 2 * np.pi)
     T_map_a = np.array([se2.wrap(np.array(yaw)), *se2.rotate(yaw, SHIFT * (rng.random(2) - 0.5))])
     walked = Walk(tuple(rooms.tolist()), (-1,) * len(rooms))
-    map_rooms = rooms_as_entered(storey, walked, _surviving_walls(storey, rooms, rng))
-    place = se2.apply(T_map_a, storey.middle[rooms])
-    return _built(storey, map_rooms, dict.fromkeys(walked.rooms, T_map_a), rng, False, place)
+    seen, place = as_entered(_surviving_walls(storey, rooms, rng), walked), se2.apply(T_map_a, storey.middle[rooms])
+    motions = dict.fromkeys(walked.rooms, T_map_a)
+    return _built(storey, seen, passages(storey, walked), motions, rng, False, place)
 
 
 def draw_walk(
@@ -143,18 +144,16 @@ def draw_walk(
 ) -> DrawnGraph:
     """Draws the S-graph of a walk through a storey with any noise but that of `paper`; rooms without any observation
     are not in it."""
-    map_rooms = rooms_as_entered(storey, walked, observe_walls(storey, np.array(walked.rooms), rng, levels))
-    doors = tuple(door for door in map_rooms.doors if rng.random() >= DOOR_MISSING)
-    map_rooms = replace(map_rooms, doors=doors)
-    deformed = noise != "real"
+    seen, deformed = observe_walls(storey, walked, rng, levels), noise != "real"
+    doors = [door for door in passages(storey, walked) if rng.random() >= DOOR_MISSING]
     if noise == "mis_segmented":
-        map_rooms = mis_segmented(map_rooms, walked, rng, levels)
+        seen, doors = mis_segmented(seen, doors, walked, rng, levels)
     start = storey.somewhere_in(walked.rooms[0], rng)
     yaw = rng.uniform(-np.pi, np.pi)
     T_map_a = np.array([yaw, *se2.rotate(yaw, -start)])
     factor = levels.sigma * (HEAVY_DRIFT if noise == "heavy_drift" else 1.0)
     motions = _drifted(storey, walked, T_map_a, factor, rng) if deformed else dict.fromkeys(walked.rooms, T_map_a)
-    return _built(storey, map_rooms, motions, rng, deformed)
+    return _built(storey, seen, doors, motions, rng, deformed)
 
 
 def _drifted(storey: Storey, walked: Walk, T_map_a: Array, factor: float, rng: np.random.Generator) -> dict[int, Array]:
@@ -171,25 +170,27 @@ def _drifted(storey: Storey, walked: Walk, T_map_a: Array, factor: float, rng: n
 
 
 def _built(
-    storey: Storey, map_rooms: MapRooms, motions: Mapping[int, Array], rng: np.random.Generator, deformed: bool,
-    places: Array | None = None,
+    storey: Storey, seen: ObservedWalls, doors: Sequence[Passage], motions: Mapping[int, Array],
+    rng: np.random.Generator, deformed: bool, places: Array | None = None,
 ) -> DrawnGraph:  # fmt: skip
     """Returns the graph in the map frame, in random order.
 
     `motions` are T_map_a by A room, the map's own first; `places` (map rooms, 2) are the rooms' centroids in the map,
     None for those of the boxes of their surfaces.
     """
-    seen, truth = map_rooms.seen, true_rooms(map_rooms)
+    truth = true_rooms(seen)
     T = np.array([motions[r] for r in seen.room.tolist()]).reshape(-1, 3)
     centre, arm = se2.apply(T, seen.centre), se2.rotate(T[:, 0], seen.arm)
     T_a_s = se2.inverse(next(iter(motions.values())))
     if deformed:
-        T_a_s = _fitted(storey, seen.wall, centre, arm, T_a_s)
+        true = np.flatnonzero(seen.wall >= 0)
+        ends, lines = np.concatenate((centre[true] + arm[true], centre[true] - arm[true])), np.tile(seen.wall[true], 2)
+        T_a_s = fit_to_lines(ends, storey.centre[lines], storey.normal[lines], T_a_s)
     known = list(truth)
     names = {known[k]: f"R{n}" for n, k in enumerate(rng.permutation(len(known)).tolist())}
     rooms = []
     for home, name in names.items():
-        mine = map_rooms.home == home
+        mine = seen.home == home
         place = _box_centre(centre[mine], arm[mine]) if places is None else places[home]
         rooms.append(Room(name, xy_of(place), FLOOR_ID))
     order = rng.permutation(len(seen))
@@ -197,37 +198,24 @@ def _built(
     normal = np.stack((np.cos(heading), np.sin(heading)), axis=-1)
     walls = tuple(
         WallSurface(
-            f"W{n}", names.get(int(map_rooms.home[k])), xy_of(centre[k]), xy_of(normal[k]),
+            f"W{n}", names.get(int(seen.home[k])), xy_of(centre[k]), xy_of(normal[k]),
             None if np.isnan(seen.length[k]) else float(seen.length[k]), FLOOR_ID,
         )
         for n, k in enumerate(order)
     )  # fmt: skip
-    doors = _doors(map_rooms, motions, names, rng, 0.0 if places is not None else SIGMA_DOOR)
+    found = list[tuple[tuple[str, ...], Xy]]()
+    for door in doors:
+        if all(room in names for room in door.rooms):
+            place = se2.apply(motions[door.seen_from], door.place)
+            place += (SIGMA_DOOR if places is None else 0.0) * rng.normal(size=2)
+            found.append((tuple(sorted(names[room] for room in door.rooms)), xy_of(place)))
+    mapped = tuple(Door(f"D{n}", *own) for n, own in enumerate(sorted(found)))
     wall_truth = {w.id: storey.ids[seen.wall[k]] for w, k in zip(walls, order, strict=True) if seen.wall[k] >= 0}
     return DrawnGraph(
-        SceneGraph("map", tuple(rooms), walls, doors, (Floor(FLOOR_ID),)),
+        SceneGraph("map", tuple(rooms), walls, mapped, (Floor(FLOOR_ID),)),
         {name: storey.rooms[truth[home]].id for home, name in names.items()}, wall_truth, _triple(T_a_s),
         {name: _triple(se2.inverse(motions[truth[home]])) for home, name in names.items()}, storey.floor, deformed,
     )  # fmt: skip
-
-
-def _doors(
-    map_rooms: MapRooms, motions: Mapping[int, Array], names: Mapping[int, str], rng: np.random.Generator, sigma: float
-) -> tuple[Door, ...]:
-    found: list[tuple[tuple[str, ...], Xy]] = []
-    for door in map_rooms.doors:
-        if all(r in names for r in door.rooms):
-            place = se2.apply(motions[door.seen_from], door.place) + sigma * rng.normal(size=2)
-            found.append((tuple(sorted(names[r] for r in door.rooms)), xy_of(place)))
-    return tuple(Door(f"D{n}", rooms, place) for n, (rooms, place) in enumerate(sorted(found)))
-
-
-def _fitted(storey: Storey, wall: Index, centre: Array, arm: Array, start: Array) -> Array:
-    """(3,) T_a_s that fits the ends of the S surfaces to the lines of their A surfaces `wall`, -1 for none."""
-    true = np.flatnonzero(wall >= 0)
-    ends = np.concatenate((centre[true] + arm[true], centre[true] - arm[true]))
-    lines = np.tile(wall[true], 2)
-    return fit_to_lines(ends, storey.centre[lines], storey.normal[lines], start)
 
 
 def _box_centre(centre: Array, arm: Array) -> Array:
@@ -259,7 +247,7 @@ def _surviving_walls(storey: Storey, rooms: Index, rng: np.random.Generator) -> 
     wall = np.concatenate(kept)
     centre = storey.centre[wall] + LOCAL_SHIFT * (rng.random((len(wall), 2)) - 0.5)
     heading = storey.heading[wall] + LOCAL_TURN * (rng.random(len(wall)) - 0.5)
-    return ObservedWalls(centre, heading, storey.half[wall], wall, storey.room[wall])
+    return ObservedWalls(centre, heading, storey.half[wall], wall, storey.room[wall], storey.room[wall])
 
 
 def _ring(storey: Storey, room: int) -> Index:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from data.geometry import se2
 from data.geometry.se2 import Array
@@ -51,30 +52,31 @@ USUAL = NoiseLevels()
 
 @dataclass(frozen=True, eq=False)
 class ObservedWalls(Segments):
-    """N surfaces in the A-graph's frame, before the map's own motion."""
+    """N surfaces in the A-graph's frame, before the map's own motion. Map rooms are 0, 1, ..."""
 
     wall: Index  # (N,) into the storey's walls, -1 for clutter
     room: Index  # (N,) into the storey's rooms: where it was seen from
+    home: Index  # (N,) the map room, -1 for none
 
     def __len__(self) -> int:
         return len(self.wall)
 
-    def at(self, chosen: Index) -> "ObservedWalls":
+    def _columns(self) -> tuple[Any, ...]:
+        return self.centre, self.heading, self.half, self.wall, self.room, self.home
+
+    def at(self, chosen: Index | NDArray[np.bool_]) -> "ObservedWalls":
         """Returns the surfaces with these indices."""
         return ObservedWalls(*(column[chosen] for column in self._columns()))
 
-    def _columns(self) -> tuple[Any, ...]:
-        return self.centre, self.heading, self.half, self.wall, self.room
 
-
-def joined(parts: list[ObservedWalls]) -> ObservedWalls:
+def joined(*parts: ObservedWalls) -> ObservedWalls:
     """Concatenates parts, at least one."""
     return ObservedWalls(*map(np.concatenate, zip(*(part._columns() for part in parts), strict=True)))
 
 
-def observe_walls(storey: Storey, rooms: Index, rng: np.random.Generator, levels: NoiseLevels = USUAL) -> ObservedWalls:
-    """Draws the surfaces that a robot maps in some rooms, including clutter."""
-    walls = np.concatenate([storey.walls_of[k] for k in rooms.tolist()])
+def observe_walls(storey: Storey, walked: Walk, rng: np.random.Generator, levels: NoiseLevels = USUAL) -> ObservedWalls:
+    """Draws the surfaces that a robot maps on a walk, including clutter."""
+    walls = np.concatenate([storey.walls_of[k] for k in walked.rooms])
     clutter = _clutter(storey, walls[rng.random(len(walls)) < levels.clutter], rng)
     walls = walls[rng.random(len(walls)) >= levels.missing]
     length = storey.length[walls]
@@ -93,7 +95,7 @@ def observe_walls(storey: Storey, rooms: Index, rng: np.random.Generator, levels
     slide = rng.normal(0, sigma / np.sqrt(2), len(walls))
     low, high = np.where(unknown, slide, low), np.where(unknown, slide, high)
     walls, low, high = (np.concatenate(c) for c in zip((walls, low, high), last, strict=True))
-    return joined([_observed(storey, walls, low, high, levels.sigma, rng), clutter])
+    return as_entered(joined(_observed(storey, walls, low, high, levels.sigma, rng), clutter), walked)
 
 
 def _observed(
@@ -107,7 +109,8 @@ def _observed(
     centre = storey.centre[wall] + ((low + high) / 2)[:, None] * storey.tangent[wall]
     centre += across[:, None] * storey.normal[wall]
     heading = storey.heading[wall] + rng.normal(0, factor * SIGMA_TILT, len(wall))
-    return ObservedWalls(centre, heading, np.where(unknown, np.nan, high - low) / 2, wall, storey.room[wall])
+    room = storey.room[wall]
+    return ObservedWalls(centre, heading, np.where(unknown, np.nan, high - low) / 2, wall, room, room)
 
 
 def _clutter(storey: Storey, behind: Index, rng: np.random.Generator) -> ObservedWalls:
@@ -121,7 +124,7 @@ def _clutter(storey: Storey, behind: Index, rng: np.random.Generator) -> Observe
     quarter = np.where(rng.random(n) < 0.7, 0, rng.integers(1, 4, n)) * np.pi / 2
     heading = se2.wrap(storey.heading[behind] + quarter + rng.normal(0, SIGMA_SKEW, n))
     half = rng.uniform(SHORTEST, LONGEST_CLUTTER, n) / 2
-    return _within(storey, ObservedWalls(centre, heading, half, np.full(n, -1), room))
+    return _within(storey, ObservedWalls(centre, heading, half, np.full(n, -1), room, room))
 
 
 def _within(storey: Storey, found: ObservedWalls) -> ObservedWalls:
@@ -139,7 +142,7 @@ def _within(storey: Storey, found: ObservedWalls) -> ObservedWalls:
             centre=found.centre + pull[:, None] * (storey.middle[found.room] - found.centre),
             half=np.where(standing, found.length, np.maximum(0.6 * found.length, SHORTEST)) / 2,
         )
-    return found.at(np.flatnonzero(standing))
+    return found.at(standing)
 
 
 @dataclass(frozen=True)
@@ -156,96 +159,75 @@ class Passage:
         return replace(self, rooms=(first, last))
 
 
-@dataclass(frozen=True, eq=False)
-class MapRooms:
-    """The surfaces of a map, the map room of each, -1 for none, and the doors. Map rooms are 0, 1, ..."""
-
-    seen: ObservedWalls
-    home: Index  # (N,)
-    doors: tuple[Passage, ...]
+def as_entered(seen: ObservedWalls, walked: Walk) -> ObservedWalls:
+    """Assigns every surface to the room it was seen from; map rooms are numbered in order of entry."""
+    place = {r: n for n, r in enumerate(walked.rooms)}
+    return replace(seen, home=np.array([place[r] for r in seen.room.tolist()], dtype=np.int64))
 
 
-def rooms_as_entered(storey: Storey, walk: Walk, seen: ObservedWalls) -> MapRooms:
-    """Assigns every surface to the room it was seen from, with all doors; map rooms are numbered in order of entry."""
-    place = {r: n for n, r in enumerate(walk.rooms)}
-    doors = tuple(
-        Passage((place[i], place[j]), at, i if place[i] < place[j] else j)
-        for i, j, at in storey.doors
-        if i in place and j in place
-    )
-    return MapRooms(seen, np.array([place[r] for r in seen.room.tolist()], dtype=np.int64), doors)
+def passages(storey: Storey, walked: Walk) -> list[Passage]:
+    """All doors between the rooms of a walk."""
+    place = {r: n for n, r in enumerate(walked.rooms)}
+    joined = [(i, j, at) for i, j, at in storey.doors if i in place and j in place]
+    return [Passage((place[i], place[j]), at, i if place[i] < place[j] else j) for i, j, at in joined]
 
 
-def mis_segmented(map_rooms: MapRooms, walk: Walk, rng: np.random.Generator, levels: NoiseLevels = USUAL) -> MapRooms:
+def mis_segmented(
+    seen: ObservedWalls, doors: list[Passage], walked: Walk, rng: np.random.Generator, levels: NoiseLevels = USUAL
+) -> tuple[ObservedWalls, list[Passage]]:
     """Merges rooms with a neighbour or splits them, each at most once; some surfaces lose their room."""
-    count = len(walk.rooms)
+    count = len(walked.rooms)
     altered: set[int] = set()
     for n in np.flatnonzero(rng.random(count) < levels.altered).tolist():
-        near = [k for k in _beside(walk, n) if k not in altered]
+        # the rooms entered from this one, and the one it was entered from
+        near = [k for k, p in enumerate(walked.parents) if p == n] + [p for p in walked.parents[n : n + 1] if p >= 0]
+        near = [k for k in near if k not in altered]
         if n in altered:
             continue
         if near and rng.random() < 0.5:
             other = near[int(rng.integers(len(near)))]
-            map_rooms = _merged(map_rooms, n, other)
+            seen = replace(seen, home=np.where(seen.home == other, n, seen.home))
+            doors = [door for door in (door.moved(other, n) for door in doors) if door.rooms != (n, n)]
             altered |= {n, other}
         else:
-            map_rooms = _cut(map_rooms, n, count, rng)
+            seen, doors = _cut(seen, doors, n, count, rng)
             count += 1
             altered.add(n)
-    home = np.where(rng.random(len(map_rooms.home)) < levels.astray, -1, map_rooms.home)
-    return replace(map_rooms, home=home)
+    return replace(seen, home=np.where(rng.random(len(seen)) < levels.astray, -1, seen.home)), doors
 
 
-def true_rooms(map_rooms: MapRooms) -> dict[int, int]:
+def true_rooms(seen: ObservedWalls) -> dict[int, int]:
     """Maps each map room to the A room from which most of its walls, by length, were seen."""
     found = {}
-    length = np.nan_to_num(map_rooms.seen.length, nan=1.0)
-    for home in np.unique(map_rooms.home[map_rooms.home >= 0]).tolist():
-        mine = (map_rooms.home == home) & (map_rooms.seen.wall >= 0)
-        rooms, where = np.unique(map_rooms.seen.room[mine], return_inverse=True)
-        if len(rooms):
-            found[home] = int(rooms[np.bincount(where, length[mine]).argmax()])
+    length = np.nan_to_num(seen.length, nan=1.0)
+    for home in np.unique(seen.home[seen.home >= 0]).tolist():
+        mine = (seen.home == home) & (seen.wall >= 0)
+        if mine.any():
+            found[home] = int(np.bincount(seen.room[mine], length[mine]).argmax())
     return found
 
 
-def _beside(walk: Walk, n: int) -> list[int]:
-    """The rooms entered from this one, and the one it was entered from."""
-    return [k for k, p in enumerate(walk.parents) if p == n] + ([walk.parents[n]] if walk.parents[n] >= 0 else [])
-
-
-def _merged(map_rooms: MapRooms, kept: int, gone: int) -> MapRooms:
-    doors = (door.moved(gone, kept) for door in map_rooms.doors)
-    home = np.where(map_rooms.home == gone, kept, map_rooms.home)
-    return MapRooms(map_rooms.seen, home, tuple(door for door in doors if door.rooms[0] != door.rooms[1]))
-
-
-def _cut(map_rooms: MapRooms, room: int, new: int, rng: np.random.Generator) -> MapRooms:
+def _cut(
+    seen: ObservedWalls, doors: list[Passage], room: int, new: int, rng: np.random.Generator
+) -> tuple[ObservedWalls, list[Passage]]:
     """Splits the room across its longer side; walls that cross the line are cut."""
-    seen, home = map_rooms.seen, map_rooms.home
-    mine = np.flatnonzero(home == room)
-    if len(mine) < 2:
-        return map_rooms
-    part = seen.at(mine)
+    part = seen.at(seen.home == room)
+    if len(part) < 2:
+        return seen, doors
     ends = np.concatenate((part.centre + part.arm, part.centre - part.arm))
     grid = float(part.heading[np.nan_to_num(part.length).argmax()])
     turned = se2.rotate(-grid, ends)
     axis = int(np.ptp(turned, axis=0).argmax())
     low, high = turned[:, axis].min(), turned[:, axis].max()
     if high - low < LEAST_CUT:
-        return map_rooms
+        return seen, doors
     at = low + rng.uniform(0.35, 0.65) * (high - low)
-    along = se2.rotate(grid, np.eye(2)[axis])
-    pieces = [_side(part, along, -at), _side(part, -along, at)]
-    rest = np.flatnonzero(home != room)
-    homes = [home[rest], np.full(len(pieces[0]), room), np.full(len(pieces[1]), new)]
-    middle = turned.mean(axis=0)
+    along, middle = se2.rotate(grid, np.eye(2)[axis]), turned.mean(axis=0)
     middle[axis] = at
-    place = se2.rotate(grid, middle)
-    doors = [door.moved(room, new) if float(along @ door.place) > at else door for door in map_rooms.doors]
-    seen_from = int(np.bincount(part.room).argmax())
-    return MapRooms(
-        joined([seen.at(rest), *pieces]), np.concatenate(homes), (*doors, Passage((room, new), place, seen_from))
-    )
+    between = Passage((room, new), se2.rotate(grid, middle), int(np.bincount(part.room).argmax()))
+    first, last = _side(part, along, -at), _side(part, -along, at)
+    seen = joined(seen.at(seen.home != room), first, replace(last, home=np.full(len(last), new)))
+    return seen, [*(door.moved(room, new) if along @ door.place > at else door for door in doors), between]
 
 
 def _side(part: ObservedWalls, along: Array, offset: float) -> ObservedWalls:
@@ -259,4 +241,4 @@ def _side(part: ObservedWalls, along: Array, offset: float) -> ObservedWalls:
     length = np.hypot(*(first - last).T)
     kept = np.where(crossed, length >= SHORTEST, f + g < 0)
     half = np.where(np.isnan(part.half), np.nan, length) / 2
-    return replace(part, centre=(first + last) / 2, half=half).at(np.flatnonzero(kept))
+    return replace(part, centre=(first + last) / 2, half=half).at(kept)

@@ -40,11 +40,11 @@ def graphs(name: str, data: Path) -> Plans:
     return _plan_set(path) if path.exists() else {}
 
 
-def generated(count: int, kinds: Sequence[str] | None = None) -> Plans:
+def generated(count: int) -> Plans:
     """`count` generated buildings of each kind."""
     from data.generation.buildings import KINDS, generate_plan
 
-    plans = (generate_plan(kind, FIRST_SEED + n) for kind in kinds or KINDS for n in range(count))
+    plans = (generate_plan(kind, FIRST_SEED + n) for kind in KINDS for n in range(count))
     return {plan.name: {"graph": plan.graph.to_dict(), "notices": []} for plan in plans}
 
 
@@ -85,11 +85,10 @@ def maps(data: Path, count: int = MAPS) -> dict[str, Any]:
     Every second plan is a generated one, where there are public plans, else all of them are.
     """
     from data import SceneGraph
-    from data.generation.buildings import KINDS
     from data.synthetic_maps.noise_models import NOISE_MODELS
 
     public = [(f"{s}/{n}", p) for s in ("swiss_floors", "ifc", "msd", "resplan") for n, p in graphs(s, data).items()]
-    made = generated(max(1, count // 30), [kind for kind in KINDS if kind != "campus"])
+    made = generated(max(1, count // 30))
     sources = [[(f"generated/{n}", p) for n, p in made.items()], public]
     usable = [
         [(n, SceneGraph.from_dict(p["graph"])) for n, p in of if p.get("graph", {}).get("rooms")] for of in sources

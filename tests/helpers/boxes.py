@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from data.geometry.raycast import BOX_FACES, TriangleScene
-from data.simulation import SpinningSensor
+from data.simulation import Sensor
 
 Array = NDArray[np.float64]
 Box = tuple[float, float, float, float, float, float]  # lowest x y z, highest x y z
@@ -41,6 +41,6 @@ def pose(x: float, y: float, z: float = 0.8, yaw: float = 0.0, pitch: float = 0.
     return T
 
 
-def scan(scene: TriangleScene, T_scene_sensor: Array, sensor: SpinningSensor | None = None, seed: int = 0) -> Array:
+def scan(scene: TriangleScene, T_scene_sensor: Array, sensor: Sensor | None = None, seed: int = 0) -> Array:
     """(N, 3) points in the sensor frame, 2 cm noise."""
-    return (sensor or SpinningSensor()).scan(scene, T_scene_sensor, np.random.default_rng(seed)).astype(float)
+    return (sensor or Sensor()).scan(scene, T_scene_sensor, np.random.default_rng(seed))[0].astype(float)

@@ -12,7 +12,7 @@ from small_ifc import write_small_ifc
 
 from data.plans import Bim, load_bim
 from data.scans import ScanFolder
-from data.simulation import Robot, SpinningSensor
+from data.simulation import Robot, Sensor
 from data.simulation.carriers import WHEELED
 from data.simulation.simulate import simulate
 from data.trajectory import Trajectory
@@ -20,7 +20,7 @@ from sgslam.result import Result
 from sgslam.slam import SceneGraphSlam
 
 CARRIER = replace(WHEELED, robot=Robot(speed=1.0, yaw_rate=1.2, yaw_acceleration=2.0))
-SENSOR = SpinningSensor(azimuths=450, rate=5.0)
+SENSOR = Sensor(azimuths=450, rate=5.0)
 
 
 @dataclass(frozen=True)

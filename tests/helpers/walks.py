@@ -9,7 +9,7 @@ from boxes import Array, Box, pose, room, scan, scene_of
 from scipy.spatial.transform import Rotation
 
 from data.geometry.raycast import TriangleScene
-from data.simulation import SpinningSensor
+from data.simulation import Sensor
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse
 from sgslam.serialization import pack, unpack
@@ -18,7 +18,7 @@ from sgslam.types import Registration
 
 SCAN_NS = 100_000_000
 HERE = np.eye(4)
-SENSOR = SpinningSensor(azimuths=360)
+SENSOR = Sensor(azimuths=360)
 FURNISHED: list[Box] = [*room(0, 0, 8, 5), (4.5, 3.2, 0, 5.1, 5, 2.6), (0, 0, 0, 1.2, 0.6, 1.8), (7, 1.5, 0, 8, 2, 2.6)]
 WITH_DOOR: list[Box] = [(4.9, 0, 0, 5.0, 2.5, 2.6), (4.9, 3.4, 0, 5.0, 6, 2.6), (4.9, 2.5, 2.1, 5.0, 3.4, 2.6)]
 TABLES: list[Box] = [(1.0, 4.5, 0.7, 2.4, 5.6, 0.75), (6.0, 0.4, 0.7, 7.6, 1.3, 0.75), (8.2, 4.4, 0.4, 9.6, 5.4, 0.45)]
@@ -61,7 +61,7 @@ def bow(seed: int = 0) -> tuple[list[Array], list[Array]]:
 
 
 def surfels_of(
-    scene: TriangleScene, poses: Iterable[Array], sensor: SpinningSensor | None = None, T: Array = HERE, seed: int = 0
+    scene: TriangleScene, poses: Iterable[Array], sensor: Sensor | None = None, T: Array = HERE, seed: int = 0
 ) -> SurfelMap:
     """What scans at poses show, in the frame to which T (4, 4) leads from the scene's."""
     surfels = SurfelMap()
@@ -74,7 +74,7 @@ def swept(
     scene: TriangleScene,
     moved: Callable[[Array], Array],
     begin: float,
-    sensor: SpinningSensor | None = None,
+    sensor: Sensor | None = None,
     columns: int = 20,
 ) -> tuple[Array, Array]:
     """A scan (N, 3) of 0.1 s whose sectors are measured one after another, and the points' times (N,) after `begin`;

@@ -44,7 +44,7 @@ def unexplained(rays: SeenRays, solids: Sequence[PlannedElement], found: Sequenc
     near = np.zeros(len(middles), dtype=bool)
     for direction in directions:
         left = np.flatnonzero(~near)
-        near[left] = scene.distances(middles[left], np.tile(direction, (len(left), 1))) < SENSOR.apart
+        near[left] = scene.distances(middles[left], direction) < SENSOR.apart
     return middles[~near]
 
 

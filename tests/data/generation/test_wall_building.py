@@ -12,13 +12,11 @@ from data.generation.buildings import generate_plan
 from data.generation.wall_building import (
     CLEAR,
     LONGEST,
-    PIER,
-    SHAFT,
     StraightWall,
     footprints,
     outline_of,
+    squared,
     straight_walls,
-    without_features,
     write_wall_building,
 )
 from data.geometry.areas import Area, difference, united
@@ -42,7 +40,7 @@ class Written:
 
 @pytest.fixture(scope="module", params=["apartment", "l_shape"])
 def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Written:
-    plan, path = generate_plan(request.param, SEED).graph, tmp_path_factory.mktemp("walls") / "building.ifc"
+    plan, path = generate_plan(request.param, SEED, plain=True).graph, tmp_path_factory.mktemp("walls") / "building.ifc"
     write_wall_building(plan, path, SEED)
     graph, notices = read_ifc(path)
     assert not notices
@@ -117,12 +115,12 @@ def test_a_plan_with_slanted_walls_or_several_storeys_is_refused(tmp_path: Path)
 @pytest.mark.parametrize("kind", ["apartment", "office", "corridor", "l_shape"])
 def test_the_walls_fill_what_lies_between_rooms_once(kind: str) -> None:
     for seed in (902606, 902619, 902627):
-        plan = generate_plan(kind, seed).graph
+        plan = generate_plan(kind, seed, plain=True).graph
         ring = np.array(plan.rooms[0].polygon)
         side = ring[1] - ring[0]
         c, s = side / np.hypot(*side)
         turned = [np.array(room.polygon) @ [[c, -s], [s, c]] for room in plan.rooms]
-        rooms = [without_features(shapely.Polygon(points)) for points in turned]
+        rooms = [squared(shapely.Polygon(points)) for points in turned]
         found = footprints(straight_walls(rooms, OUTER), rooms, OUTER)
         between = difference(outline_of(rooms, OUTER), united(rooms))
         assert all(area.geom_type == "Polygon" and not area.interiors for area in found)
@@ -145,18 +143,6 @@ def test_of_two_outer_walls_one_takes_the_corner() -> None:
     assert len(walls) == 4 and {wall.inward for wall in walls} == {-1, 1}
     assert sum(wall.area.area for wall in walls) == pytest.approx(4.6 * 3.6 - 4 * 3)
     assert united(wall.area for wall in walls).area == pytest.approx(4.6 * 3.6 - 4 * 3)
-
-
-def test_small_features_are_taken_out_of_rooms_and_recesses_of_rooms_stay() -> None:
-    room = shapely.box(0, 0, 6, 4)
-    for part, goes in (
-        (shapely.box(2, 0, 2.5, PIER - 0.02), True),
-        (shapely.box(2, 0, 2.5, PIER + 0.02), False),
-        (shapely.box(0, 0, SHAFT - 0.02, 0.5), True),
-        (shapely.box(0, 0, SHAFT + 0.02, 0.5), False),
-    ):
-        expected = room.area if goes else room.area - part.area
-        assert without_features(room.difference(part)).area == pytest.approx(expected, abs=0.01)
 
 
 def test_what_lies_in_the_way_of_a_wall_is_met_but_not_what_lies_beside_it() -> None:

@@ -14,7 +14,7 @@ from data.generation.level_building import HEIGHT, plan_triangles, write_plan_me
 from data.plans.mesh_plan import read_mesh
 from data.scans.formats import read_points
 from data.scene_graph import Room, SceneGraph
-from data.simulation import Changes, SpinningSensor
+from data.simulation import Changes, Sensor
 from data.simulation.simulate import simulate
 
 BOXES = (  # two rooms of 4 x 4 m side by side and a doorway between them, under a lintel; a hole at the floor's edge
@@ -77,7 +77,7 @@ def test_a_generated_building_is_read_as_it_was_drawn(tmp_path: Path) -> None:
 
 
 def test_a_robot_drives_and_scans_in_the_mesh_and_a_command_reads_it(stl: Path, tmp_path: Path) -> None:
-    sensor = SpinningSensor(azimuths=120, rate=5.0, range_noise=0.0)
+    sensor = Sensor(azimuths=120, rate=5.0, range_noise=0.0)
     run = simulate(stl, "", tmp_path / "run", seed=1, min_length=15.0, sensor=sensor)
     assert run.rooms_entered == 2 and np.allclose(run.truth.positions[:, 2], 0.8)
     T = run.truth.poses[0]

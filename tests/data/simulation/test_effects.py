@@ -13,14 +13,14 @@ from small_ifc import PANE, ROOMS, SmallBuilding
 from data.common.errors import UserError
 from data.geometry.raycast import TriangleScene
 from data.scans import ScanFolder
-from data.simulation import SimulatedRun, SpinningSensor
+from data.simulation import Sensor, SimulatedRun
 from data.simulation.carriers import HANDHELD, WHEELED
 from data.simulation.effects import EFFECTS, World, checked
 from data.simulation.furniture import FROM_WALLS, RISE
 from data.simulation.simulate import simulate
 from data.simulation.storey_model import load_storeys
 
-SENSOR = SpinningSensor(azimuths=180, rate=5.0)
+SENSOR = Sensor(azimuths=180, rate=5.0)
 Array = NDArray[np.float64]
 
 

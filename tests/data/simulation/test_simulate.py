@@ -18,12 +18,12 @@ from data.common.errors import UserError
 from data.geometry.raycast import TriangleScene
 from data.scans import ScanFolder
 from data.scans.formats import read_points
-from data.simulation import Changes, Robot, SimulatedRun, SpinningSensor
+from data.simulation import Changes, Robot, Sensor, SimulatedRun
 from data.simulation.carriers import WHEELED
 from data.simulation.simulate import simulate
 from data.trajectory import Trajectory
 
-SENSOR = SpinningSensor(azimuths=120, rate=5.0)
+SENSOR = Sensor(azimuths=120, rate=5.0)
 Array = NDArray[np.float64]
 
 
@@ -102,7 +102,7 @@ def test_what_is_written_is_what_was_driven(run: SimulatedRun, building: SmallBu
 )
 def test_models_that_lack_something_can_be_driven(options: dict[str, Any], tmp_path: Path) -> None:
     bare = write_small_ifc(tmp_path / "bare.ifc", **options)
-    sensor = SpinningSensor(lowest_deg=-45, highest_deg=45, azimuths=90, rate=5.0)
+    sensor = Sensor(lowest_deg=-45, highest_deg=45, azimuths=90, rate=5.0)
     run = simulate(bare.path, "ground", tmp_path / "out", 0, 3, 20.0, sensor)
     places, points = bare.from_bim(run.truth.positions), points_in_building(run, bare)
     pit = (*PIT[:2], 0.0, *PIT[3:5], 1.0)
@@ -132,10 +132,8 @@ def test_ranges_of_the_sensor_and_their_noise() -> None:
     square = [[5.0, -50, -50], [5, 50, -50], [5, 50, 50], [5, -50, 50]]  # the plane x = 5
     scene = TriangleScene(np.array([[square[0], square[1], square[2]], [square[0], square[2], square[3]]]))
 
-    def seen(noise: float = 0.0, **limits: float) -> Array:
-        return (
-            SpinningSensor(range_noise=noise, **limits).scan(scene, np.eye(4), np.random.default_rng(0)).astype(float)
-        )
+    def seen(noise: float = 0.0, **limits: Any) -> Array:
+        return Sensor(range_noise=noise, **limits).scan(scene, np.eye(4), np.random.default_rng(0))[0].astype(float)
 
     points = seen(max_range=8.0)
     ranges = np.linalg.norm(points, axis=1)

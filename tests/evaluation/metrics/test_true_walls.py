@@ -10,6 +10,7 @@ from data.trajectory import Trajectory
 from evaluation.metrics.true_walls import true_walls
 
 ONE_ABSENT, ALL_FILLED = Changes(absent=0.5), Changes(openings_filled=1.0)
+ROOM = box(-4, -1, 0, 4, 6, 3)
 
 
 def views(ifc: Path, changes: Changes, seed: int, at: tuple[float, float]) -> dict[float, tuple[str, int]]:
@@ -23,6 +24,7 @@ def views(ifc: Path, changes: Changes, seed: int, at: tuple[float, float]) -> di
 
 def test_a_wall_behind_an_absent_one_is_seen(tmp_path: Path) -> None:
     writer = IfcWriter.begun("walls", {"Ground": 0.0})
+    writer.space("room", "Ground", ROOM)
     for y in (2, 4):
         writer.element("IfcWall", "wall", "Ground", [box(-3, y, 0, 3, y + 0.1, 2.5)])
     writer.save(path := tmp_path / "a.ifc")
@@ -35,6 +37,7 @@ def test_a_wall_behind_an_absent_one_is_seen(tmp_path: Path) -> None:
 
 def test_a_wall_is_seen_where_its_door_was_filled(tmp_path: Path) -> None:
     writer = IfcWriter.begun("door", {"Ground": 0.0})
+    writer.space("room", "Ground", ROOM)
     wall = writer.element("IfcWall", "wall", "Ground", [box(-0.6, 2, 0, 0.6, 2.1, 2.5)])
     leaf = writer.element("IfcDoor", "door", "Ground", [box(-0.5, 2.03, 0, 0.5, 2.07, 2.45)])
     writer.cut(wall, "Ground", box(-0.5, 2, 0, 0.5, 2.1, 2.45), filling=leaf)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from boxes import Array, Box, pose, scan, scene_of
 
-from data.simulation import SpinningSensor
+from data.simulation import Sensor
 from sgslam.backend import Backend
 from sgslam.config import Config, SurfaceSettings
 from sgslam.config.models import LoopSettings
@@ -21,7 +21,7 @@ from sgslam.perception import keyframe_scan
 from sgslam.surfels import SurfelMap
 
 SETTINGS = LoopSettings()
-SENSOR = SpinningSensor(azimuths=450)
+SENSOR = Sensor(azimuths=450)
 
 
 def offices(count: int, near: float, axis: int = 0) -> list[Box]:

@@ -5,7 +5,7 @@ import pytest
 from boxes import Array, Box, pose, room, scan, scene_of
 from walks import HERE, surfels_of
 
-from data.simulation import SpinningSensor
+from data.simulation import Sensor
 from sgslam.config import BackendSettings, Config, SurfaceSettings
 from sgslam.geometry.frames import transform_planes
 from sgslam.perception import (
@@ -25,7 +25,7 @@ from sgslam.surfels import SurfelMap
 ROOM = (-3.0, -2.0, 4.0, 2.5)  # lowest x y, highest x y
 PLANES = np.array([[1, 0, 0, 3.0], [-1, 0, 0, 4.0], [0, 1, 0, 2.0], [0, -1, 0, 2.5]])
 LARGE = room(-5, -5, 5, 5)
-WIDE = SpinningSensor(beams=32, lowest_deg=-45, highest_deg=45)  # sees floor and ceiling close by
+WIDE = Sensor(beams=32, lowest_deg=-45, highest_deg=45)  # sees floor and ceiling close by
 UP = np.array([0.0, 0.0, 1.0])
 Place = tuple[int, float, float, float]
 Levels = list[LevelObservation]
@@ -37,7 +37,7 @@ def walls_of(points: Array, height: float) -> list[WallObservation]:
     return extract_walls(above, contour(above, settings.high_band), settings)
 
 
-def walls_in(boxes: list[Box], T: Array, sensor: SpinningSensor | None = None, seed: int = 0) -> list[WallObservation]:
+def walls_in(boxes: list[Box], T: Array, sensor: Sensor | None = None, seed: int = 0) -> list[WallObservation]:
     """What is extracted from one scan of a level sensor; x y of the observations from the sensor."""
     return walls_of(scan(scene_of(boxes), T, sensor, seed), float(T[2, 3]))
 
@@ -71,7 +71,7 @@ def check_all(found: list[Place], angle_deg: float = 0.35, most: float = 0.01, s
 @pytest.mark.parametrize(("beams", "spacing"), [(128, 0.35), (64, 0.5), (16, 2.0), (5, 7.0), (4, 8.0), (3, 15.0)])
 def test_walls_are_found_however_far_apart_the_rings_are(beams: int, spacing: float) -> None:
     T, half = pose(0.7, -0.4, 0.8, 0.3), spacing * (beams - 1) / 2
-    sensor = SpinningSensor(beams=beams, lowest_deg=-half, highest_deg=half, azimuths=900)
+    sensor = Sensor(beams=beams, lowest_deg=-half, highest_deg=half, azimuths=900)
     found = [place(observation, T) for observation in walls_in(room(*ROOM), T, sensor)]
     check_all(found, 1.0, 0.02, 0.0)
     assert sum(length for *_, length in found) > 18
@@ -112,7 +112,7 @@ def test_floor_and_ceiling_are_no_walls(height: float) -> None:
     found = walls_in(room(*ROOM, height=height), T, WIDE)
     assert 4 <= len(found) <= 6
     assert all(abs(own.plane[2]) < 0.02 and place(own, T)[2] < 0.01 for own in found)
-    short = SpinningSensor(beams=32, lowest_deg=-45, highest_deg=45, max_range=8.0)  # sees nothing else
+    short = Sensor(beams=32, lowest_deg=-45, highest_deg=45, max_range=8.0)  # sees nothing else
     assert walls_in(room(-30, -30, 30, 30, height=height), pose(0, 0), short) == []
 
 
@@ -128,7 +128,7 @@ def test_a_window_behind_its_parapet_is_dropped_and_one_flush_with_its_wall_is_k
     assert not kept or any(which == 3 and length > 1.0 for which, _, _, length in found)
 
 
-def levels_in(boxes: list[Box], way: list[Array], sensor: SpinningSensor = WIDE, T: Array = HERE) -> Levels:
+def levels_in(boxes: list[Box], way: list[Array], sensor: Sensor = WIDE, T: Array = HERE) -> Levels:
     """What a few scans on a way show, in the frame of the last one; as if the scene were moved by a pose."""
     return extract_levels(*surfels_of(scene_of(boxes), way, sensor, T).surfels(), T @ way[-1])
 

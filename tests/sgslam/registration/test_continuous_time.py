@@ -12,7 +12,7 @@ from walks import SCAN_NS, bow, step_errors, through_the_door, two_rooms
 
 from data.generation import DEMO_STOREY, write_demo_building
 from data.scans import Scan, ScanFolder
-from data.simulation import SpinningSensor
+from data.simulation import Sensor
 from data.simulation.carriers import HANDHELD, Carrier
 from data.simulation.simulate import simulate
 from data.trajectory import Trajectory
@@ -117,7 +117,7 @@ def test_a_covered_sensor_is_lost_until_it_sees_again(drive: Drive, first: int) 
 @pytest.fixture(scope="module")
 def walk() -> tuple[Array, list[Array]]:
     """True poses (50, 4, 4) from one room into another, and the scans' points."""
-    truth, sensor = through_the_door(), SpinningSensor(beams=16, lowest_deg=-30, highest_deg=30)
+    truth, sensor = through_the_door(), Sensor(beams=16, lowest_deg=-30, highest_deg=30)
     return truth, [boxes.scan(two_rooms(), T, sensor, seed=k) for k, T in enumerate(truth)]
 
 

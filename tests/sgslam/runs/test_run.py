@@ -14,7 +14,7 @@ from boxes import pose, room, scan, scene_of
 from commands import called, refused
 
 from data.scene_graph import SceneGraph
-from data.simulation import SpinningSensor
+from data.simulation import Sensor
 from data.trajectory import Trajectory
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -72,7 +72,7 @@ def test_its_graphs_keep_the_schema_and_its_matches_are_of_what_was_seen(anchore
 @pytest.fixture(scope="module")
 def points() -> list[np.ndarray]:
     """Twelve small scans of a box room, enough to run through."""
-    scene, sensor = scene_of(room(-3, -2, 3, 2)), SpinningSensor(azimuths=360)
+    scene, sensor = scene_of(room(-3, -2, 3, 2)), Sensor(azimuths=360)
     return [scan(scene, pose(0.02 * k, 0.0, 1.0), sensor, seed=k) for k in range(12)]
 
 

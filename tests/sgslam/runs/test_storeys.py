@@ -11,7 +11,7 @@ from data import SceneGraph
 from data.generation import DEMO_STOREYS, write_demo_building
 from data.plans import Bim, load_bim
 from data.scans import ScanFolder
-from data.simulation import Robot, SimulatedRun, SpinningSensor
+from data.simulation import Robot, Sensor, SimulatedRun
 from data.simulation.carriers import WHEELED
 from data.simulation.simulate import simulate
 from sgslam.result import Result
@@ -30,7 +30,7 @@ def building(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def drive(building: Path) -> SimulatedRun:
     """Up the stair, and down again."""
-    sensor = SpinningSensor(azimuths=450)
+    sensor = Sensor(azimuths=450)
     carrier = replace(WHEELED, robot=Robot(yaw_rate=1.2, yaw_acceleration=2.0))
     storeys = (GROUND, UPPER, GROUND)
     return simulate(building, storeys, building.parent / "drive", 1, 1, 6.0, sensor, carrier)

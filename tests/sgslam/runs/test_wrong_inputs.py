@@ -12,9 +12,9 @@ from g2o_files import drawn_graph
 from slam_outputs import slam_output, write_poses
 from small_ifc import write_small_ifc
 
-from data.simulation import SpinningSensor
+from data.simulation import Sensor
 
-SENSOR = SpinningSensor(azimuths=240, beams=32, lowest_deg=-45, highest_deg=45)
+SENSOR = Sensor(azimuths=240, beams=32, lowest_deg=-45, highest_deg=45)
 COUNT = 25  # scans
 EMPTY_IFC = (
     "ISO-10303-21;\nHEADER;\nFILE_DESCRIPTION((''),'2;1');\nFILE_NAME('','',(''),(''),'','','');\n"

@@ -10,7 +10,7 @@ from bag_files import NS, cloud, store, write_bag
 from boxes import pose, room, scan, scene_of
 from commands import called
 
-from data.simulation import SpinningSensor
+from data.simulation import Sensor
 from data.trajectory import Trajectory
 from sgslam.config import KeyframeSettings
 from sgslam.mapping import KeyframeRule
@@ -21,7 +21,7 @@ NOTHING = np.full((100, 3), np.nan, np.float32)
 def disturbed(types: Any) -> list[tuple[int, Any]]:
     """120 scans at 10 Hz: 60 standing still, 60 moving; one of NaN, five times one stamp, one stamp of the far future,
     and an hour's pause before the last twenty."""
-    scene, sensor, messages = scene_of(room(-3, -2, 3, 2)), SpinningSensor(azimuths=360), []
+    scene, sensor, messages = scene_of(room(-3, -2, 3, 2)), Sensor(azimuths=360), []
     for k in range(120):
         stamp = 1_000 * NS + k * NS // 10 + (3600 * NS if k >= 100 else 0)
         points = scan(scene, pose(0.02 * max(0, k - 60), 0.0, 1.0), sensor, k).astype(np.float32)

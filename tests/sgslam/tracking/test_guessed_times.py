@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from data.geometry.raycast import TriangleScene
 from data.scans import ScanFolder
 from data.scans.point_times import Stamped
-from data.simulation import SpinningSensor
+from data.simulation import Sensor
 from data.simulation.sensor import sensor_named
 from sgslam.config import TrackingSettings
 from sgslam.odometry.timed import Kind, TimedOdometry
@@ -34,8 +34,8 @@ def scene() -> TriangleScene:
 @functools.cache
 def spun() -> tuple[Array, Array]:
     """(N, 3) a scan in firing order, and (N,) its times."""
-    sensor = SpinningSensor(azimuths=600)
-    points, times = sensor.scan(scene(), pose(3, 3, 1.2, roll=0.3), np.random.default_rng(0)), sensor.rays(0)[1]
+    sensor = Sensor(azimuths=600)
+    points, times = sensor.scan(scene(), pose(3, 3, 1.2, roll=0.3), np.random.default_rng(0))[0], sensor.seconds
     assert len(points) == len(times)  # the room is closed
     return points.astype(float), times
 
@@ -101,7 +101,7 @@ def test_a_scan_of_less_or_more_than_a_turn(turns: float, told: bool) -> None:
 
 
 OTHERS = {"rosette": rosette(22.6, 13.7), "rosette back": rosette(40.2, -33.3)}
-OTHERS["Mid-360"] = looking(sensor_named("Mid-360").rays(0)[0])
+OTHERS["Mid-360"] = looking(sensor_named("Mid-360").rays(0))
 
 
 @pytest.mark.parametrize("sensor", OTHERS)

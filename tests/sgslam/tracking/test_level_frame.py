@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from walks import surfels_of, through_the_door, two_rooms
 
 from data.geometry.raycast import TriangleScene
-from data.simulation import SpinningSensor
+from data.simulation import Sensor
 from sgslam.config import TrackingSettings
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.perception.gravity import Gravity, find_gravity
@@ -20,9 +20,9 @@ from sgslam.types import RawScan, TrackedScan
 NS = 1_000_000_000
 EXPECTED = np.array([0.0, 0.0, 1.0])
 SENSORS = {
-    "16 rings": SpinningSensor(16, -15, 15, 300),
-    "32 rings": SpinningSensor(32, -45, 45, 150),
-    "dome": SpinningSensor(40, -7, 52, 150),
+    "16 rings": Sensor(16, -15, 15, 300),
+    "32 rings": Sensor(32, -45, 45, 150),
+    "dome": Sensor(40, -7, 52, 150),
 }
 Degrees = tuple[float, float, float]
 
@@ -53,7 +53,7 @@ class Seen:
         return min(off, 180.0 - off) if either_end else off
 
 
-def seen_from(scene: TriangleScene, poses: Array, sensor: SpinningSensor, seed: int = 0) -> Seen:
+def seen_from(scene: TriangleScene, poses: Array, sensor: Sensor, seed: int = 0) -> Seen:
     T = np.linalg.inv(poses[0])
     surfels = surfels_of(scene, poses, sensor, T, seed).surfels()
     return Seen(surfels, (T @ poses)[:, :3, 3], poses[0, 2, :3].copy())
