@@ -15,7 +15,7 @@ from gtsam.symbol_shorthand import F, P, V, X
 from numpy.typing import NDArray
 
 from sgslam.backend.covariances import Uncertainty
-from sgslam.backend.graph_builder import GraphBuilder, offset_priors, point_factors, redescending
+from sgslam.backend.graph_builder import GraphBuilder, offset_priors, point_factors, robust_weights
 from sgslam.backend.held_factors import KINDS, HeldFactors, Key, Kind, graph_of
 from sgslam.backend.variables import BIM, GraphInputs, start_values
 from sgslam.config import Config
@@ -193,7 +193,7 @@ class Backend:
             values = self._optimum[1]
             self._optimum = told, *self._optimum[1:]
             offsets = np.array([values.atVector(V(wall))[0] for wall in walls])
-            weights = redescending(np.sqrt(2 * np.array([factor.error(values) for factor in points]) / weights))
+            weights = robust_weights(np.sqrt(2 * np.array([factor.error(values) for factor in points]) / weights))
 
     def _start(self, graph: gtsam.NonlinearFactorGraph) -> gtsam.Values:
         return start_values(graph, self._inputs, self.keyframes, self.planes_in_map, self.levels_in_map)
