@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 from data.geometry.areas import triangles_of
 from data.geometry.intervals import Intervals, united, without
 from data.scene_graph import WALL_HEIGHT, LevelSurface, SceneGraph, WallSurface
+from data.scene_graph.segments import PARALLEL, THICKEST
 
 Array = NDArray[np.float64]
 Kind = Literal["solid", "opening"]
-THICKEST = 0.7  # m between the sides of one wall
 SHEET = 0.05  # m: depth of a wall of which one side is known
 PANE = 1.5  # m2, of a window
 NARROWEST = 0.3  # m: a narrower part beside a door is its frame
-PARALLEL = 0.99  # cosine between both sides of a wall
 
 
 @dataclass(frozen=True, eq=False)

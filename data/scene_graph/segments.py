@@ -8,11 +8,12 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
+from data.geometry import se2
 from data.geometry.se2 import Array
 from data.scene_graph.nodes import WallSurface
 
-_PARALLEL = 0.999  # cosine
-_THICKEST = 0.7  # m between the two sides of a wall
+PARALLEL = 0.99  # cosine between both sides of a wall, and the pieces of one
+THICKEST = 0.7  # m between the two sides of a wall
 _IN_LINE = 0.02  # m: surfaces in one plane
 
 
@@ -42,6 +43,10 @@ class Segments:
         """(N, 2) the normals rotated by 90 degrees to the left."""
         return np.stack((-np.sin(self.heading), np.cos(self.heading)), axis=-1)
 
+    def moved(self, T_out_in: Array) -> "Segments":
+        """The same under a motion (3,), yaw x y."""
+        return Segments(se2.apply(T_out_in, self.centre), self.heading + T_out_in[0], self.half)
+
     @property
     def length(self) -> Array:
         """(N,) NaN where not known."""
@@ -51,6 +56,29 @@ class Segments:
     def arm(self) -> Array:
         """(N, 2) from the middle to the left end, looking along the normal; zero for unknown lengths."""
         return np.nan_to_num(self.half)[:, None] * self.tangent
+
+
+def straight_walls(surfaces: Sequence[WallSurface]) -> tuple[NDArray[np.int64], Array]:
+    """(N,) the number of the straight wall that each surface is a face of, in the order of their first faces, and (N,)
+    1 where it faces as the first one does, -1 where it faces the other way.
+
+    Those of one source are of one wall where they are parallel and no further apart than a wall is thick: a wall of the
+    source may go round corners. One without a source is a wall of its own.
+    """
+    numbers, senses, count = np.empty(len(surfaces), np.int64), np.ones(len(surfaces)), 0
+    legs: dict[str, list[tuple[int, WallSurface]]] = {}  # the first face of each, by source
+    for k, surface in enumerate(surfaces):
+        own = legs.setdefault(surface.source or surface.id, [])
+        for number, first in own:
+            (nx, ny), (mx, my) = surface.normal, first.normal
+            across = (surface.centroid[0] - first.centroid[0]) * mx + (surface.centroid[1] - first.centroid[1]) * my
+            if abs(nx * mx + ny * my) > PARALLEL and abs(across) < THICKEST:
+                numbers[k], senses[k] = number, np.sign(nx * mx + ny * my)
+                break
+        else:
+            numbers[k], count = count, count + 1
+            own.append((count - 1, surface))
+    return numbers, senses
 
 
 def wall_names(surfaces: Sequence[WallSurface]) -> dict[str, str]:
@@ -79,6 +107,6 @@ def _belong_together(surfaces: list[WallSurface]) -> NDArray[np.bool_]:
     behind = -np.einsum("ijk,ik->ij", away, normals)  # m, by which the other one lies behind
     along = np.abs(away[..., 0] * normals[:, None, 1] - away[..., 1] * normals[:, None, 0])
     overlap = along < (lengths[:, None] + lengths) / 2
-    in_line = (facing > _PARALLEL) & (np.abs(behind) < _IN_LINE)
-    back_to_back = (facing < -_PARALLEL) & (behind > 0) & (behind < _THICKEST) & overlap
+    in_line = (facing > PARALLEL) & (np.abs(behind) < _IN_LINE)
+    back_to_back = (facing < -PARALLEL) & (behind > 0) & (behind < THICKEST) & overlap
     return np.asarray(in_line | back_to_back)

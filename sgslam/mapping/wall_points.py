@@ -1,13 +1,14 @@
 """What keyframes saw of planned walls: the points near each, and how far they lie off it."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from data.scene_graph import WALL_HEIGHT, SceneGraph
-from sgslam.config.sensor import BUILDING, SENSOR
+from data.scene_graph import WALL_HEIGHT, SceneGraph, WallSurface
+from data.scene_graph.segments import Segments, straight_walls
+from sgslam.config.sensor import SENSOR
 from sgslam.geometry.frames import transform_points
 
 Floats = NDArray[np.float64]
@@ -47,32 +48,22 @@ class WallPoints:
 
 
 def faces_of(plan: SceneGraph) -> Faces:
-    """The faces of full height of the walls of a plan. Parallel faces of one wall in the plan's source move together,
-    as a wall is built elsewhere as a whole."""
+    """The faces of full height of the walls of a plan. Those of one straight wall move together, as a wall is built
+    elsewhere as a whole."""
     level = {floor.id: floor.elevation or 0.0 for floor in plan.floors}
-    rows, axes = list[tuple[float, ...]](), dict[str, list[tuple[int, Floats]]]()
+    pieces, heights = list[WallSurface](), list[tuple[float, float]]()
     for surface in plan.wall_surfaces:
         half, below = 0.5 * (surface.length or 0.0), level.get(surface.floor or "", 0.0)
-        low, high = surface.height or (below, below + WALL_HEIGHT)
         (nx, ny), (x, y) = surface.normal, surface.centroid
         for source, first, last, is_whole in surface.parts or ((surface.source, -half, half, True),):
             if is_whole and last - first > 2 * _EDGE:
-                middle, own = (first + last) / 2, axes.setdefault(source or surface.id, [])
-                number, sign = _parallel(own, np.array(surface.normal), sum(map(len, axes.values())))
+                middle = (first + last) / 2
                 place = (x - ny * middle, y + nx * middle)
-                rows.append((number, sign, *place, nx, ny, (last - first) / 2, low, high))
-    of = np.array(rows).reshape(-1, 9)
-    return Faces(of[:, 0].astype(np.int64), of[:, 1], of[:, 2:4], of[:, 4:6], of[:, 6], of[:, 7:])
-
-
-def _parallel(axes: list[tuple[int, Floats]], normal: Floats, following: int) -> tuple[int, float]:
-    """The number of the wall among `axes` that a face with this normal is of, and the sense of its own normal there; a
-    new one, with the number `following`, where none is parallel."""
-    for number, axis in axes:
-        if abs(axis @ normal) > BUILDING.parallel:
-            return number, float(np.sign(axis @ normal))
-    axes.append((following, normal))
-    return following, 1.0
+                pieces.append(replace(surface, source=source, centroid=place, length=last - first))
+                heights.append(surface.height or (below, below + WALL_HEIGHT))
+    wall, sign = straight_walls(pieces)
+    drawn = Segments.of(pieces)
+    return Faces(wall, sign, drawn.centre, drawn.normal, drawn.half, np.array(heights).reshape(-1, 2))
 
 
 def wall_points(faces: Faces, clouds: Iterable[tuple[Floats, NDArray[np.float32]]]) -> WallPoints:

@@ -8,8 +8,9 @@ from boxes import Array
 from numpy.typing import NDArray
 
 from data import WallSurface
+from data.scene_graph.segments import Segments, straight_walls
 from sgslam.anchoring.se2_consensus import Pairs, determined, find_consensus
-from sgslam.anchoring.wall_alignment import WallArrays, _units, associate_walls
+from sgslam.anchoring.wall_alignment import associate_walls
 
 
 def rotation(yaw: float) -> Array:
@@ -118,7 +119,8 @@ def test_a_place_is_determined_by_walls_that_are_not_nearly_parallel(
 def test_the_legs_of_a_wall_that_goes_round_corners_are_units_of_their_own() -> None:
     sides = [((0.0, 2.0), (1.0, 0.0)), ((2.0, 0.0), (0.0, 1.0)), ((4.0, 2.0), (-1.0, 0.0)), ((4.2, 2.0), (1.0, 0.0))]
     planned = [WallSurface(str(k), None, c, n, 4.0, source="wall") for k, (c, n) in enumerate(sides)]
-    assert _units(planned).tolist() == [0, 1, 2, 2]
+    numbers, senses = straight_walls(planned)
+    assert numbers.tolist() == [0, 1, 2, 2] and senses.tolist() == [1, 1, 1, -1]
 
 
 def test_walls_that_agree_on_nothing_give_no_place() -> None:
@@ -129,13 +131,14 @@ def test_walls_that_agree_on_nothing_give_no_place() -> None:
 
 
 def associated(seen: WallSurface, *planned: WallSurface) -> list[int]:
-    walls, sides = (WallArrays.of(list(surfaces), np.zeros(2)) for surfaces in ([seen], planned))
+    walls, sides = (Segments.of(surfaces) for surfaces in ([seen], planned))
     return associate_walls(walls, sides, 0.4).tolist()
 
 
 def test_a_long_wall_is_not_the_stub_that_it_has_come_near_to() -> None:
     stub, long = (WallSurface(f"{y}", None, (x, y), (0.0, 1.0), n) for x, y, n in ((0.0, 0.0, 0.3), (0.5, -0.25, 3.0)))
-    short, pieces = ([replace(stub, centroid=(x, 0.0), length=n) for x in (-0.9, 0.0)] for n in (0.3, 0.5))
+    places = (-0.9, 0.001), (0.0, 0.0)  # the first is nearer
+    short, pieces = ([replace(stub, centroid=place, length=n) for place in places] for n in (0.3, 0.5))
     for y, planned, expected in (
         (0.04, [stub, long], 1), (0.04, [stub], -1), (0.01, [stub], 0), (0.04, [*short, long], 2),
         (0.04, [*pieces, long], 0),  # both pieces together explain it
