@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from data.geometry.areas import triangles_of
 from data.geometry.intervals import Intervals, united, without
 from data.scene_graph import WALL_HEIGHT, LevelSurface, SceneGraph, WallSurface
-from data.scene_graph.segments import PARALLEL, THICKEST
+from data.scene_graph.segments import PARALLEL, THICKEST, Segments
 
 Array = NDArray[np.float64]
 Kind = Literal["solid", "opening"]
@@ -93,9 +93,7 @@ class _Walls:
 
     def __init__(self, plan: SceneGraph) -> None:
         self._bottom = {floor.id: floor.elevation or 0.0 for floor in plan.floors}
-        self._centre = np.array([wall.centroid for wall in plan.wall_surfaces]).reshape(-1, 2)
-        self._normal = np.array([wall.normal for wall in plan.wall_surfaces]).reshape(-1, 2)
-        self._half = np.array([(wall.length or 0.0) / 2 for wall in plan.wall_surfaces])
+        self._drawn = Segments.of(plan.wall_surfaces)
         self._floor = np.array([wall.floor or "" for wall in plan.wall_surfaces], dtype=object)
         floor_of = {room.id: room.floor for room in plan.rooms}
         doors = [(door, {floor_of.get(room) for room in door.rooms}) for door in plan.doors if door.width is not None]
@@ -135,10 +133,10 @@ class _Walls:
         """Metres to the middle of the wall: half of what lies between a stretch about `middle` (2,) and the next
         surface that faces away behind it."""
         n = np.array(surface.normal)
-        away = middle - self._centre
+        away = middle - self._drawn.centre
         behind, along = away @ n, away @ np.array([-n[1], n[0]])
-        other = (behind > 0) & (behind < THICKEST) & (self._normal @ n < -PARALLEL)
-        other &= (np.abs(along) < self._half + half) & (self._floor == (surface.floor or ""))
+        other = (behind > 0) & (behind < THICKEST) & (self._drawn.normal @ n < -PARALLEL)
+        other &= (np.abs(along) < np.nan_to_num(self._drawn.half) + half) & (self._floor == (surface.floor or ""))
         return float(behind[other].min()) / 2 if other.any() else SHEET
 
 

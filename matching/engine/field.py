@@ -13,11 +13,10 @@ import numpy as np
 from data.common.compiled import compiled
 from data.geometry import se2
 from data.geometry.se2 import Array
-from data.geometry.se2_compiled import wrapped
 from matching.arrays import Doors, Index, Walls
 from matching.arrays.blocks import elimination
 from matching.arrays.groups import Groups
-from matching.engine.field_loops import Loops, compared, sharpness, strained, turns, wall_poses
+from matching.engine.field_loops import Loops, compared, sharpness, strained, turns, wall_poses, wrapped
 from matching.engine.plan_walls import PlanWalls
 
 STEP = np.array([np.radians(2.0), 0.2, 0.2])  # how the motion changes from a room to the next

@@ -11,7 +11,6 @@ import numpy as np
 
 from data.common.compiled import compiled
 from data.geometry.se2 import Array
-from data.geometry.se2_compiled import wrapped
 from matching.arrays import Index
 from matching.arrays.blocks import Elimination, solve
 
@@ -26,6 +25,12 @@ SIGMA_TILT = float(np.radians(1.2))  # of a wall's direction in the map against 
 OFF_LINE = 0.03  # metres, of a wall's ends: short walls give less direction
 SHARPEST = 0.1  # metres across, with which the directions count in full
 SILENT = 1e3  # metres across: of walls that are not used
+
+
+@compiled
+def wrapped(angle: float) -> float:
+    """An angle to [-pi, pi)."""
+    return float(angle - 2 * np.pi * np.floor((angle + np.pi) / (2 * np.pi)))
 
 
 class Loops(NamedTuple):

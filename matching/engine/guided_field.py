@@ -10,10 +10,19 @@ from numpy.typing import NDArray
 
 from data.common.compiled import compiled, compiled_within
 from data.geometry.se2 import Array
-from data.geometry.se2_compiled import wrapped
 from matching.arrays import Index
 from matching.engine.field import Fields, Scene, chi2, explained
-from matching.engine.field_loops import SIGMA_SCORE, Loops, of_direction, off_lines, step, stepped, turns, wall_poses
+from matching.engine.field_loops import (
+    SIGMA_SCORE,
+    Loops,
+    of_direction,
+    off_lines,
+    step,
+    stepped,
+    turns,
+    wall_poses,
+    wrapped,
+)
 
 FRESH_M, FRESH_RAD = 0.6, float(np.radians(6))  # how far a group may move before its walls' partners are searched again
 GATE_M = 2.0  # metres across and beyond the ends, of pairs that are considered at all

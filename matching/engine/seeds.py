@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from data.common.compiled import compiled
 from data.geometry import se2
 from data.geometry.se2 import Array
-from data.geometry.se2_compiled import wrapped
 from matching.arrays import Index
 from matching.arrays.groups import Groups
 from matching.engine.corners import corners
 from matching.engine.field import Fields, Scene, explained, rigid_state
+from matching.engine.field_loops import wrapped
 from matching.engine.guided_field import advance, guided
 from matching.engine.votes import Votes, aligned, candidates, corner_votes
 

@@ -11,10 +11,9 @@ import numpy as np
 from data.common.compiled import compiled
 from data.geometry import se2
 from data.geometry.se2 import Array
-from data.geometry.se2_compiled import wrapped
 from matching.arrays import Index, Walls
 from matching.engine.corners import Marks
-from matching.engine.field_loops import FAR, SAME_DIRECTION, SIGMA_HEADING, of_direction, off_lines
+from matching.engine.field_loops import FAR, SAME_DIRECTION, SIGMA_HEADING, of_direction, off_lines, wrapped
 from matching.engine.plan_walls import PlanWalls
 
 OPENING = float(np.radians(12))  # like corners differ by less
