@@ -16,22 +16,29 @@ from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from sgslam.report import RunFolder
 
 IFC = "as_built.ifc"
 
 
-def export(out: Path, formats: list[str], bim: Path | None = None, voxel: float | None = None) -> list[str]:
+def export(
+    out: Path, formats: list[str], bim: Path | None = None, voxel: float | None = None, georeferenced: bool = False
+) -> list[str]:
     """Writes the formats (names in FORMATS, or `all` for every possible one); returns one line for each file, and for
     what is left out of `all`.
 
-    `voxel` is the side of the point cloud map's voxels (m); None takes the run's setting. Raises UserError for a folder
-    that is not a run's or lacks needed files, a format that needs `bim` if it is not given, `ifc` and `bcf` of a run
-    that is not anchored, and a model that cannot be read or has none of the run's walls.
+    `voxel` is the side of the point cloud map's voxels (m); None takes the run's setting. `georeferenced`: poses and
+    point clouds in map coordinates. Raises UserError for a folder that is not a run's or lacks needed files, a format
+    that needs `bim` if it is not given, `ifc` and `bcf` of a run that is not anchored, a model that cannot be read or
+    has none of the run's walls, and map coordinates that are not known.
     """
     from sgslam.report import RunFolder
 
     run, lines, without = RunFolder.read(out), list[str](), dict[str, str]()
+    run = run.on_map() if georeferenced else run
     if "all" in formats:
         if run.T_bim_map is None:
             without = dict.fromkeys(NEED_MODEL, "the run was not anchored")
@@ -39,6 +46,8 @@ def export(out: Path, formats: list[str], bim: Path | None = None, voxel: float 
             without = dict.fromkeys(NEED_MODEL, "give the run's model, --bim FILE")
         elif find_spec("open3d") is None:
             without = {"cloud-to-model": "pip install 'sgslam[open3d]'"}
+        if find_spec("laspy") is None:
+            without["laz"] = "pip install 'sgslam[scans]'"
         formats = [name for name in FORMATS if name not in without]
     for name in formats:
         if name in NEED_MODEL:
@@ -50,20 +59,18 @@ def export(out: Path, formats: list[str], bim: Path | None = None, voxel: float 
 
 
 def _kitti(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
-    from data.trajectory import Trajectory
     from data.trajectory.trajectory import write_kitti
 
-    trajectory = Trajectory.read_tum(run.path / "trajectory.tum")
+    trajectory = run.trajectory
     poses, times = run.path / "trajectory.kitti", run.path / "trajectory_times.txt"
     write_kitti(trajectory, poses, times)
     return [f"{poses}: {len(trajectory)} poses; times in {times.name}"]
 
 
 def _euroc(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
-    from data.trajectory import Trajectory
     from data.trajectory.trajectory import write_euroc
 
-    trajectory, file = Trajectory.read_tum(run.path / "trajectory.tum"), run.path / "trajectory_euroc.csv"
+    trajectory, file = run.trajectory, run.path / "trajectory_euroc.csv"
     write_euroc(trajectory, file)
     return [f"{file}: {len(trajectory)} poses"]
 
@@ -71,10 +78,23 @@ def _euroc(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
 def _ply(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
     from data.scans.writers import write_ply
 
-    file = run.path / "map.ply"
-    points, _ = run.map_points(voxel)
-    write_ply(file, points, f"{run.frame} frame, metres, voxels of {voxel:g} m")
+    file, points = run.path / "map.ply", _map_points(run, voxel)
+    frame = f"{run.frame} frame" if run.georeference is None else run.georeference.crs
+    write_ply(file, points, f"{frame}, metres, voxels of {voxel:g} m")
     return [f"{file}: {len(points)} points, voxels of {voxel:g} m"]
+
+
+def _laz(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
+    from data.scans.surveyed import write_las
+
+    file, points = run.path / "map.laz", _map_points(run, voxel)
+    write_las(file, points)
+    return [f"{file}: {len(points)} points, voxels of {voxel:g} m"]
+
+
+def _map_points(run: "RunFolder", voxel: float) -> "NDArray[np.float64]":
+    points, _ = run.map_points(voxel)
+    return points if run.georeference is None else run.georeference.on_map(points)
 
 
 def _ifc(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
@@ -127,11 +147,13 @@ FORMATS: dict[str, Callable[["RunFolder", Path, float], list[str]]] = {
     "kitti": _kitti,
     "euroc": _euroc,
     "ply": _ply,
+    "laz": _laz,
     "ifc": _ifc,
     "bcf": _bcf,
     "cloud-to-model": _cloud_to_model,
 }
 NEED_MODEL = ("ifc", "bcf", "cloud-to-model")
+ON_MAP = ("kitti", "euroc", "ply", "laz")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -144,12 +166,14 @@ def main(arguments: list[str] | None = None) -> int:
     add("--format", nargs="+", choices=names, default=[], metavar="NAME", help=formats)
     add("--bim", type=Path, metavar="FILE", help=f"the run's IFC model; needed for {', '.join(NEED_MODEL)}")
     add("--voxel", type=float, metavar="M", help="voxel size of the point cloud, metres (default: the run's)")
+    on_map = f"poses and clouds ({', '.join(ON_MAP)}) in the map coordinates of the model's IfcMapConversion"
+    add("--georeferenced", action="store_true", help=on_map)
     options = parser.parse_args(arguments)
     if options.voxel is not None and not 1e-3 <= options.voxel <= 10:
         raise UserError(f"--voxel {options.voxel:g}: out of range; give 0.001 to 10 metres")
     if not options.format:
         raise UserError(f"--format is missing; give {formats}")
-    for line in export(options.out, options.format, options.bim, options.voxel):
+    for line in export(options.out, options.format, options.bim, options.voxel, options.georeferenced):
         print(line)
     return 0
 

@@ -78,7 +78,9 @@ def _parallel(axes: list[tuple[int, Floats]], normal: Floats, following: int) ->
 def wall_points(faces: Faces, clouds: Iterable[tuple[Floats, NDArray[np.float32]]]) -> WallPoints:
     """The points of all keyframes, as pairs of T_plan_sensor (4, 4) and points (N, 3) in the sensor frame, at the
     distance from each face at which most points lie."""
-    parts = [_near_faces(faces, T, points, k) for k, (T, points) in enumerate(clouds)]
+    # in single precision, so from a round place nearby: a site may lie hundreds of kilometres from zero
+    near = np.round(faces.centre.mean(axis=0), -3) if len(faces.wall) else np.zeros(2)
+    parts = [_near_faces(faces, T, points, k, near) for k, (T, points) in enumerate(clouds)]
     rows = np.concatenate([part for part in parts if len(part)] or [np.empty((0, 5), np.float32)])
     found = list[Floats]()
     order = np.argsort(rows[:, 0], kind="stable")
@@ -87,11 +89,14 @@ def wall_points(faces: Faces, clouds: Iterable[tuple[Floats, NDArray[np.float32]
             found += _means(rows[own].astype(np.float64))
     table = np.array(found).reshape(-1, 6)
     whole = table[:, [0, 1, 5]].astype(np.int64)
-    return WallPoints(whole[:, 0], whole[:, 1], table[:, 2], whole[:, 2], table[:, 3:5])
+    return WallPoints(whole[:, 0], whole[:, 1], table[:, 2], whole[:, 2], table[:, 3:5] + near)
 
 
-def _near_faces(faces: Faces, T_plan_sensor: Floats, points: NDArray[np.float32], number: int) -> NDArray[np.float32]:
-    """(K, 5) of the points near a face: its number, that of the keyframe, the distance from the face, and x and y."""
+def _near_faces(
+    faces: Faces, T_plan_sensor: Floats, points: NDArray[np.float32], number: int, origin: Floats
+) -> NDArray[np.float32]:
+    """(K, 5) of the points near a face: its number, that of the keyframe, the distance from the face, and x and y from
+    `origin` (2,)."""
     sensor = T_plan_sensor[:3, 3]
     ahead = np.sum((sensor[:2] - faces.centre) * faces.normal, axis=1)
     own = np.flatnonzero((ahead > 0) & (ahead < SENSOR.furthest))
@@ -109,7 +114,7 @@ def _near_faces(faces: Faces, T_plan_sensor: Floats, points: NDArray[np.float32]
         count = int(near.sum())
         if count:
             same = np.tile([face, number], (count, 1))
-            found.append(np.column_stack([same, off[near], seen[near, :2]]).astype(np.float32))
+            found.append(np.column_stack([same, off[near], seen[near, :2] - origin]).astype(np.float32))
     return np.concatenate(found or [np.empty((0, 5), np.float32)])
 
 

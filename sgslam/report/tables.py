@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from data.scene_graph import Georeference
 from sgslam.as_built.deviation_bands import MINUS
 from sgslam.config import AnchorSettings
 from sgslam.report.contents import ReportData
@@ -69,6 +70,8 @@ def run_rows(metrics: dict[str, Any]) -> dict[str, str]:
         rows["Relocalisation"] = f"{when if outcome['found'] else 'the last part was not placed: '}{outcome['reason']}"
     if metrics.get("first_anchor_s") is not None:
         rows["First anchored after"] = seconds(metrics["first_anchor_s"])
+    if known := metrics.get("georeference"):
+        rows["Map coordinates"] = str(Georeference(**known))
     return rows | _accuracy_rows(metrics.get("accuracy") or {})
 
 

@@ -142,7 +142,7 @@ class Result:
 
     def metrics(self) -> dict[str, Any]:
         """The content of metrics.json, without the fields that the command line adds."""
-        T = self.T_bim_map
+        T, known = self.T_bim_map, None if self.a_graph is None else self.a_graph.georeference
         return {
             "anchored": self.anchored,
             "reason": self.reason,
@@ -150,6 +150,7 @@ class Result:
             "quality": {name: asdict(signal) for name, signal in self.quality.items()},
             "place": None if self.place is None else self.place.to_dict(),
             "T_bim_map": None if T is None else poses_to_xyzquat(T[None])[0].tolist(),
+            "georeference": None if known is None else asdict(known),
             "scans": len(self.trajectory_map),
             "scans_skipped": 0,
             "tracked": dict(self.tracked),
