@@ -4,7 +4,7 @@ A factor whose measurement and variables did not change is reused.
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Any, Literal
 
 import gtsam
@@ -191,11 +191,12 @@ class GraphBuilder:
                 found["level", level, "place"] = factors.frame_at(place, BIM, frame)
                 found["level", level] = factors.storey_plane(0.0, frame, X(anchor), F(level), noise, side)
 
-    def directions(self, inputs: GraphInputs) -> Iterator[gtsam.NonlinearFactor]:
+    def directions(self, inputs: GraphInputs, left_out: Collection[str] = ()) -> Iterator[gtsam.NonlinearFactor]:
         """The anchors of walls by their directions alone, for a graph with anchors that leaves their places to other
-        factors."""
+        factors; without those to some of the planned surfaces."""
         for frame, wall, planned in inputs.wall_frames:
-            yield self._anchor(frame, wall, planned, inputs.anchor_of[wall], _FREE)
+            if planned.a_id not in left_out:
+                yield self._anchor(frame, wall, planned, inputs.anchor_of[wall], _FREE)
 
     def _anchor(
         self, frame: int, wall: int, planned: PlannedWall, anchor: int, sigma_offset: float | None = None

@@ -21,7 +21,8 @@ _BIN = SENSOR.range_noise / 4  # of the search for the distance at which most po
 class Faces:
     """M upright faces: `wall` numbers the walls that they are of, `sign` (M,) is 1 where a wall's offset is along the
     face's normal, -1 where it is against it. `centre` and `normal` (M, 2) are in plan view, `half` (M,) half their
-    lengths, `heights` (M, 2) their lower and upper edges, in the plan's frame."""
+    lengths, `heights` (M, 2) their lower and upper edges, in the plan's frame. `surface` has the ids of
+    their surfaces."""
 
     wall: Ints
     sign: Floats
@@ -29,6 +30,7 @@ class Faces:
     normal: Floats
     half: Floats
     heights: Floats
+    surface: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +53,7 @@ def faces_of(plan: SceneGraph) -> Faces:
     as a wall is built elsewhere as a whole."""
     level = {floor.id: floor.elevation or 0.0 for floor in plan.floors}
     rows, axes = list[tuple[float, ...]](), dict[str, list[tuple[int, Floats]]]()
+    surfaces = list[str]()
     for surface in plan.wall_surfaces:
         half, below = 0.5 * (surface.length or 0.0), level.get(surface.floor or "", 0.0)
         low, high = surface.height or (below, below + WALL_HEIGHT)
@@ -61,8 +64,10 @@ def faces_of(plan: SceneGraph) -> Faces:
                 number, sign = _parallel(own, np.array(surface.normal), sum(map(len, axes.values())))
                 place = (x - ny * middle, y + nx * middle)
                 rows.append((number, sign, *place, nx, ny, (last - first) / 2, low, high))
+                surfaces.append(surface.id)
     of = np.array(rows).reshape(-1, 9)
-    return Faces(of[:, 0].astype(np.int64), of[:, 1], of[:, 2:4], of[:, 4:6], of[:, 6], of[:, 7:])
+    columns = of[:, 0].astype(np.int64), of[:, 1], of[:, 2:4], of[:, 4:6], of[:, 6], of[:, 7:]
+    return Faces(*columns, tuple(surfaces))
 
 
 def _parallel(axes: list[tuple[int, Floats]], normal: Floats, following: int) -> tuple[int, float]:
