@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from data.common.errors import UserError
+from data.common.errors import UserError, refusing
 from data.common.files import parsed_lines
 from data.scene_graph import Georeference
 from data.trajectory.stamps import seconds_to_ns
@@ -32,50 +32,36 @@ class ControlPoint:
 
 
 def read_control(path: Path, georeference: Georeference | None) -> tuple[ControlPoint, ...]:
-    """The points of a CSV file, whose first line names the columns. Map coordinates need the plan's `georeference`.
+    """The points of a CSV file whose first line names the columns; map coordinates need the plan's `georeference`.
 
-    Without `sensor_x`, `sensor_y` and `sensor_z` the sensor itself stood at the point. Raises UserError, with the
-    line's number.
+    Without `sensor_x`, `sensor_y` and `sensor_z` the sensor itself stood at the point. Raises UserError.
     """
-    columns = list[str]()
-
-    def point(line: str) -> ControlPoint | None:
-        words = [word.strip() for word in line.split(",")]
-        if not columns:
-            columns.extend(words)
-            if "name" not in words or not {"stamp_s", "stamp_ns"} & {*words} or not ({*_PLAN} <= {*words} or on_map()):
-                raise ValueError("columns are missing")
-            return None
-        if len(words) != len(columns):
-            raise ValueError(f"{len(words)} values for {len(columns)} columns")
-        row = dict(zip(columns, words, strict=True))
-        stamp_ns = int(row["stamp_ns"]) if row.get("stamp_ns") else seconds_to_ns(row.get("stamp_s", ""))
-        place, sigma = _numbers(row, _MAP if on_map() else _PLAN), float(row.get("sigma") or ControlPoint.sigma)
-        if not 0 < sigma < np.inf:
-            raise ValueError(f"a sigma of {sigma:g} m")
-        if on_map() and georeference is not None:
-            x, y, z = georeference.in_plan(np.array([place]))[0].tolist()
-            place = x, y, z
-        is_seen = any(row.get(name) for name in _SEEN)
-        return ControlPoint(row["name"], place, stamp_ns, _numbers(row, _SEEN) if is_seen else (0.0, 0.0, 0.0), sigma)
-
-    def on_map() -> bool:
-        return {*_MAP} <= {*columns}
-
-    points = [own for own in parsed_lines(path, _FORM, point) if own is not None]
-    if not points:
-        raise UserError(f"{path}: has no points; give {_FORM}")
-    if on_map() and georeference is None:
-        raise UserError(
-            f"{path}: is in map coordinates, but the plan has no IfcMapConversion; give x, y, z in the plan"
-        )
-    if len({own.name for own in points}) < len(points):
-        raise UserError(f"{path}: names a point twice; names must be unique")
-    return tuple(points)
+    columns, *rows = parsed_lines(path, _FORM, lambda line: [word.strip() for word in line.split(",")])
+    known = georeference if {*_MAP} <= {*columns} else None
+    if known is None and not {*_PLAN} <= {*columns}:
+        lack = "lacks columns" if georeference or not {*_MAP} <= {*columns} else "needs a plan with IfcMapConversion"
+        raise UserError(f"{path}: {lack}; give {_FORM}")
+    with refusing(f"{path}: not control points", f"give {_FORM}"):
+        points = tuple(_point(dict(zip(columns, row, strict=True)), known) for row in rows)
+    if not points or len({own.name for own in points}) < len(points):
+        raise UserError(f"{path}: {'names a point twice' if points else 'has no points'}; give {_FORM}")
+    return points
 
 
-def _numbers(row: dict[str, str], names: tuple[str, ...]) -> Xyz:
-    x, y, z = (float(row[name]) for name in names)
-    if not np.isfinite([x, y, z]).all():
-        raise ValueError("a coordinate is not finite")
-    return x, y, z
+def _point(row: dict[str, str], georeference: Georeference | None) -> ControlPoint:
+    """Raises KeyError and ValueError for what is missing or no number."""
+
+    def numbers(names: tuple[str, str, str]) -> Xyz:
+        x, y, z = (float(row[name]) for name in names)
+        return x, y, z
+
+    place = numbers(_PLAN if georeference is None else _MAP)
+    if georeference is not None:
+        x, y, z = georeference.in_plan(np.array([place]))[0].tolist()
+        place = x, y, z
+    in_sensor = numbers(_SEEN) if row.get(_SEEN[0]) else ControlPoint.in_sensor
+    sigma = float(row.get("sigma") or ControlPoint.sigma)
+    stamp_ns = int(row["stamp_ns"]) if row.get("stamp_ns") else seconds_to_ns(row["stamp_s"])
+    if not (sigma > 0 and np.isfinite([*place, *in_sensor, sigma]).all()):
+        raise ValueError(f"{row['name']} has a number that cannot be")
+    return ControlPoint(row["name"], place, stamp_ns, in_sensor, sigma)

@@ -162,25 +162,14 @@ class HeldOutWall:
 
 @dataclass(frozen=True)
 class ControlResidual:
-    """How far (m) the map has a control point off its coordinates, along x, y and z of the BIM frame."""
+    """How far (m) the map has a control point off its coordinates, along x, y and z of the BIM frame; `sigmas` is the
+    largest of them in standard deviations. Beyond three it `contradicts`: either it or the map is wrong there."""
 
     name: str
     residual_m: tuple[float, float, float]
     sigma_m: float
-
-    @property
-    def sigmas(self) -> float:
-        """The largest coordinate of the residual, in standard deviations."""
-        return max(map(abs, self.residual_m)) / self.sigma_m
-
-    @property
-    def contradicts(self) -> bool:
-        """Whether the point is so far off that either it or the map is wrong there."""
-        return self.sigmas > 3.0
-
-    def to_dict(self) -> dict[str, Any]:
-        """As JSON values."""
-        return {**asdict(self), "sigmas": self.sigmas, "contradicts": self.contradicts}
+    sigmas: float
+    contradicts: bool
 
 
 @dataclass(frozen=True)
@@ -202,4 +191,4 @@ class MapCheck:
                 "within_95": float(np.mean(np.abs(offsets) <= 1.96 * sigmas)),
                 "worst": asdict(walls[int(np.argmax(np.abs(offsets)))]),
             }
-        return {"held_out": summary, "control": [own.to_dict() for own in self.control]}
+        return {"held_out": summary, "control": [asdict(own) for own in self.control]}

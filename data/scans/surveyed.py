@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.errors import UnreadableScanError, UserError, refusing, required
-from data.common.files import atomic_file
 from data.geometry.poses import xyzquat_to_poses
 from data.scans.point_times import time_field
 from data.scans.scan import Scan, ScanSource, finished
@@ -136,17 +135,6 @@ def read_las(path: Path) -> tuple[NDArray[np.float64], NDArray[Any] | None]:
         raise UnreadableScanError(f"cut off: its header claims {header.point_count} points, {len(points)} are there")
     name = time_field(list(points.point_format.dimension_names))
     return np.stack([points.x, points.y, points.z], axis=1), None if name is None else np.asarray(points[name])
-
-
-def write_las(path: Path, points: NDArray[np.float64]) -> None:
-    """Writes points (N, 3) as LAZ, atomically and to a tenth of a millimetre. Raises UserError without laspy."""
-    laspy = required("laspy", f"{path}: LAZ", "scans")
-    header = laspy.LasHeader(version="1.4", point_format=6)
-    header.offsets, header.scales = np.floor(points[:1].sum(axis=0)), np.full(3, 1e-4)
-    file = laspy.LasData(header)
-    file.xyz = points
-    with atomic_file(path) as target:
-        file.write(target, do_compress=True, laz_backend=laspy.LazBackend.Lazrs)
 
 
 def _check_las(path: Path) -> None:

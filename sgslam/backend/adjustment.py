@@ -18,7 +18,6 @@ from sgslam.backend.graph_builder import GraphBuilder, offset_priors, point_fact
 from sgslam.backend.held_factors import HeldFactors, Key, Kind, graph_of
 from sgslam.backend.variables import BIM, GraphInputs
 from sgslam.config import Config
-from sgslam.config.sensor import BUILDING
 from sgslam.geometry.frames import inverse, transform_planes, transform_points
 from sgslam.mapping.keyframes import ControlSight, PlannedWall
 from sgslam.mapping.wall_points import Faces, WallPoints
@@ -52,8 +51,7 @@ class Adjustment:
         self._sigma_wall = config.backend.sigma_wall
         self._faces, self._seen, self._control, self.start = faces, seen, control, start
         self._walls = sorted(set(faces.wall[seen.face].tolist()))
-        self._bodies = _bodies(faces)
-        self._body_of = self._bodies[seen.face]
+        self._body_of = dict(zip(faces.surface, faces.body, strict=True))
         for wall in self._walls:
             start.insert(V(wall), np.zeros(1))
         for i, sight in enumerate(control):
@@ -63,12 +61,12 @@ class Adjustment:
         self._points = list[gtsam.NonlinearFactor]()
 
     def graphs(
-        self, without: frozenset[int] = frozenset()
+        self, without: frozenset[str] = frozenset()
     ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.NonlinearFactorGraph]:
-        """What is known of the poses, and that with what makes the map more rigid; `without` some of the bodies."""
+        """What is known of the poses, and that with what makes the map more rigid; `without` some walls."""
         if not without:
             self._points = list(point_factors(self._faces, self._seen, self.start, self._settings, self._weights))
-        kept = ~np.isin(self._body_of, list(without))
+        kept = np.array([self._faces.body[face] not in without for face in self._seen.face.tolist()], dtype=bool)
         told = gtsam.NonlinearFactorGraph()
         for k in np.flatnonzero(kept).tolist():
             told.add(self._points[k])
@@ -83,7 +81,7 @@ class Adjustment:
         whole = gtsam.NonlinearFactorGraph(told)
         # the walls themselves make the map more rigid, and their directions upright
         whole.push_back(graph_of(self._held, lambda kind, key: kind in ("wall", "room")))
-        left_out = {self._faces.surface[face] for face in np.flatnonzero(np.isin(self._bodies, list(without)))}
+        left_out = {surface for surface, body in self._body_of.items() if body in without}
         for factor in self._builder.directions(self._inputs, left_out):
             whole.add(factor)
         # where most walls are moved the place that the walls agree on holds
@@ -134,13 +132,12 @@ class Adjustment:
         return tuple(found)
 
     @cached_property
-    def _matched(self) -> dict[int, list[tuple[int, PlannedWall]]]:
+    def _matched(self) -> dict[str, list[tuple[int, PlannedWall]]]:
         """The mapped walls near the planned surfaces of each body, whether they agree with it or not."""
-        body_of = dict(zip(self._faces.surface, self._bodies.tolist(), strict=True))
-        found: dict[int, list[tuple[int, PlannedWall]]] = {}
+        found: dict[str, list[tuple[int, PlannedWall]]] = {}
         for _, wall, planned in self._inputs.wall_frames:
-            if planned.a_id in body_of:
-                found.setdefault(body_of[planned.a_id], []).append((wall, planned))
+            if planned.a_id in self._body_of:
+                found.setdefault(self._body_of[planned.a_id], []).append((wall, planned))
         return found
 
     def _off_plan(self, wall: int, planned: PlannedWall, values: gtsam.Values, known: Uncertainty) -> HeldOutWall:
@@ -156,19 +153,6 @@ class Adjustment:
         settings = self._settings
         built = settings.sigma_offset**2 + settings.sigma_extraction**2 + self._sigma_wall**2
         return HeldOutWall(planned.a_id, offset, float(np.sqrt(known.variance(moves) + built)))
-
-
-def _bodies(faces: Faces) -> NDArray[np.int64]:
-    """(M,) the number of the body that each face is of: of those that a plan's file has as one, a drawing's for
-    instance, faces farther apart than a wall is thick are of several."""
-    body = np.zeros(len(faces.wall), np.int64)
-    for wall in np.unique(faces.wall):
-        own = np.flatnonzero(faces.wall == wall)
-        across = faces.centre[own] @ faces.normal[own[0]]
-        order = np.argsort(across, kind="stable")
-        steps = np.diff(across[order], prepend=across[order[0]])
-        body[own[order]] = body.max(initial=-1) + 1 + np.cumsum(steps > BUILDING.thickest_wall)
-    return body
 
 
 def _anchors_wall(kind: Kind, key: Key) -> bool:

@@ -16,9 +16,6 @@ from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from sgslam.report import RunFolder
 
 IFC = "as_built.ifc"
@@ -46,8 +43,6 @@ def export(
             without = dict.fromkeys(NEED_MODEL, "give the run's model, --bim FILE")
         elif find_spec("open3d") is None:
             without = {"cloud-to-model": "pip install 'sgslam[open3d]'"}
-        if find_spec("laspy") is None:
-            without["laz"] = "pip install 'sgslam[scans]'"
         formats = [name for name in FORMATS if name not in without]
     for name in formats:
         if name in NEED_MODEL:
@@ -78,23 +73,12 @@ def _euroc(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
 def _ply(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
     from data.scans.writers import write_ply
 
-    file, points = run.path / "map.ply", _map_points(run, voxel)
+    file = run.path / "map.ply"
+    points, _ = run.map_points(voxel)
+    points = points if run.georeference is None else run.georeference.on_map(points)
     frame = f"{run.frame} frame" if run.georeference is None else run.georeference.crs
     write_ply(file, points, f"{frame}, metres, voxels of {voxel:g} m")
     return [f"{file}: {len(points)} points, voxels of {voxel:g} m"]
-
-
-def _laz(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
-    from data.scans.surveyed import write_las
-
-    file, points = run.path / "map.laz", _map_points(run, voxel)
-    write_las(file, points)
-    return [f"{file}: {len(points)} points, voxels of {voxel:g} m"]
-
-
-def _map_points(run: "RunFolder", voxel: float) -> "NDArray[np.float64]":
-    points, _ = run.map_points(voxel)
-    return points if run.georeference is None else run.georeference.on_map(points)
 
 
 def _ifc(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
@@ -147,13 +131,11 @@ FORMATS: dict[str, Callable[["RunFolder", Path, float], list[str]]] = {
     "kitti": _kitti,
     "euroc": _euroc,
     "ply": _ply,
-    "laz": _laz,
     "ifc": _ifc,
     "bcf": _bcf,
     "cloud-to-model": _cloud_to_model,
 }
 NEED_MODEL = ("ifc", "bcf", "cloud-to-model")
-ON_MAP = ("kitti", "euroc", "ply", "laz")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -166,7 +148,7 @@ def main(arguments: list[str] | None = None) -> int:
     add("--format", nargs="+", choices=names, default=[], metavar="NAME", help=formats)
     add("--bim", type=Path, metavar="FILE", help=f"the run's IFC model; needed for {', '.join(NEED_MODEL)}")
     add("--voxel", type=float, metavar="M", help="voxel size of the point cloud, metres (default: the run's)")
-    on_map = f"poses and clouds ({', '.join(ON_MAP)}) in the map coordinates of the model's IfcMapConversion"
+    on_map = "kitti, euroc and ply in the map coordinates of the model's IfcMapConversion"
     add("--georeferenced", action="store_true", help=on_map)
     options = parser.parse_args(arguments)
     if options.voxel is not None and not 1e-3 <= options.voxel <= 10:

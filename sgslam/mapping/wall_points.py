@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.scene_graph import WALL_HEIGHT, SceneGraph
+from data.scene_graph.segments import wall_names
 from sgslam.config.sensor import BUILDING, SENSOR
 from sgslam.geometry.frames import transform_points
 
@@ -22,7 +23,7 @@ class Faces:
     """M upright faces: `wall` numbers the walls that they are of, `sign` (M,) is 1 where a wall's offset is along the
     face's normal, -1 where it is against it. `centre` and `normal` (M, 2) are in plan view, `half` (M,) half their
     lengths, `heights` (M, 2) their lower and upper edges, in the plan's frame. `surface` has the ids of
-    their surfaces."""
+    their surfaces, `body` the names of the walls that these are of."""
 
     wall: Ints
     sign: Floats
@@ -31,6 +32,7 @@ class Faces:
     half: Floats
     heights: Floats
     surface: tuple[str, ...]
+    body: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +69,8 @@ def faces_of(plan: SceneGraph) -> Faces:
                 surfaces.append(surface.id)
     of = np.array(rows).reshape(-1, 9)
     columns = of[:, 0].astype(np.int64), of[:, 1], of[:, 2:4], of[:, 4:6], of[:, 6], of[:, 7:]
-    return Faces(*columns, tuple(surfaces))
+    names = wall_names(plan.wall_surfaces)
+    return Faces(*columns, tuple(surfaces), tuple(names[surface] for surface in surfaces))
 
 
 def _parallel(axes: list[tuple[int, Floats]], normal: Floats, following: int) -> tuple[int, float]:

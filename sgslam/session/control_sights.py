@@ -36,5 +36,6 @@ def control_residuals(sights: list[ControlSight], poses: Floats) -> tuple[Contro
     found = []
     for own in sights:
         x, y, z = (transform_points(poses[own.keyframe], own.in_sensor) - own.place).tolist()
-        found.append(ControlResidual(own.name, (x, y, z), own.sigma))
+        sigmas = max(abs(x), abs(y), abs(z)) / own.sigma
+        found.append(ControlResidual(own.name, (x, y, z), own.sigma, sigmas, sigmas > 3.0))
     return tuple(found)

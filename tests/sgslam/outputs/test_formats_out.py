@@ -21,7 +21,7 @@ from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.report import RunFolder
 from sgslam.slam import SceneGraphSlam
 
-NAMES = {"map.laz", "map.ply", "trajectory.kitti", "trajectory_euroc.csv", "trajectory_times.txt"}
+NAMES = {"map.ply", "trajectory.kitti", "trajectory_euroc.csv", "trajectory_times.txt"}
 
 
 @pytest.fixture(scope="session")

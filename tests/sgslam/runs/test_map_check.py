@@ -80,11 +80,12 @@ def test_points_on_the_map_are_those_in_the_plan(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("name,x,y,z\nA,1,2,3\n", "line 1: columns are missing"),
+        ("name,x,y,z\nA,1,2,3\n", "not control points .*stamp_s"),
+        ("name,x,y,stamp_s\nA,1,2,3\n", "lacks columns"),
         ("name,x,y,z,stamp_s\n", "has no points"),
-        ("name,x,y,z,stamp_s\nA,1,2,3\n", "line 2: 4 values for 5 columns"),
-        ("name,x,y,z,stamp_s\nA,1,two,3,1.5\n", "line 2: could not convert"),
-        ("name,x,y,z,stamp_s,sigma\nA,1,2,3,1.5,-1\n", "line 2: a sigma of -1 m"),
+        ("name,x,y,z,stamp_s\nA,1,2,3\n", "zip"),
+        ("name,x,y,z,stamp_s\nA,1,two,3,1.5\n", "could not convert string to float: 'two'"),
+        ("name,x,y,z,stamp_s,sigma\nA,1,2,3,1.5,-1\n", "A has a number"),
         ("name,x,y,z,stamp_s\nA,1,2,3,1\nA,1,2,3,2\n", "names a point twice"),
     ],
 )
