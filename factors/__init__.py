@@ -5,7 +5,7 @@ n.x + d = 0; `T_a_b` maps coordinates in frame b to frame a; lengths are in metr
 """
 
 from factors.anchors import Anchors, PlaneKeys, anchors_of
-from factors.bim import anchor_plane, anchor_room, fit_room, frame_at, plane_from, storey_plane
+from factors.bim import anchor_plane, anchor_point, anchor_room, fit_room, frame_at, plane_from, storey_plane
 from factors.noise import noise_of_covariance, noise_of_plane, noise_of_pose, redescending_noise_of_plane
 from factors.planes import observe_own_plane, observe_plane, plane_from_wall
 
@@ -13,6 +13,7 @@ __all__ = [
     "Anchors",
     "PlaneKeys",
     "anchor_plane",
+    "anchor_point",
     "anchor_room",
     "anchors_of",
     "fit_room",

@@ -74,10 +74,18 @@ def anchor_room(
     Source: BetweenFactor of GTSAM. Raises ValueError unless the sigmas are positive and the pose is (4, 4) and finite.
     """
     noise = robust(diagonal([3.0, 3.0, sigma_yaw, sigma_place, sigma_place, 100.0]), 1.345)
-    pose = np.asarray(T_bim_room, dtype=float)
-    if pose.shape != (4, 4) or not np.all(np.isfinite(pose)):
-        raise ValueError(f"T_bim_room must be (4, 4) and finite, not {pose}")
-    return gtsam.BetweenFactorPose3(bim, room, gtsam.Pose3(pose), noise)
+    return gtsam.BetweenFactorPose3(bim, room, gtsam.Pose3(_checked_pose("T_bim_room", T_bim_room)), noise)
+
+
+def anchor_point(T_bim_frame: ArrayLike, bim: int, frame: int, sigma: float) -> gtsam.NoiseModelFactor:
+    """Returns a factor that ties the origin of a pose variable `frame` to a surveyed place in the BIM frame.
+
+    `T_bim_frame` (4, 4) has the place, and the present attitude of `frame`, which is left free (3 rad); `sigma` is the
+    standard deviation (m) of each coordinate. Residual (6) and loss as of `anchor_room`. Put the frame where a sensor
+    has the point with `frame_at`. Source: BetweenFactor of GTSAM. Raises ValueError as `anchor_room`.
+    """
+    pose, noise = _checked_pose("T_bim_frame", T_bim_frame), diagonal([3.0, 3.0, 3.0, sigma, sigma, sigma])
+    return gtsam.BetweenFactorPose3(bim, frame, gtsam.Pose3(pose), robust(noise, 1.345))
 
 
 def fit_room(planes_in_bim: ArrayLike, planes_in_room: ArrayLike) -> NDArray[np.float64] | None:
@@ -100,6 +108,13 @@ def fit_room(planes_in_bim: ArrayLike, planes_in_room: ArrayLike) -> NDArray[np.
     T_bim_room[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
     T_bim_room[:2, 3] = place
     return T_bim_room
+
+
+def _checked_pose(name: str, value: ArrayLike) -> NDArray[np.float64]:
+    pose = np.asarray(value, dtype=float)
+    if pose.shape != (4, 4) or not np.all(np.isfinite(pose)):
+        raise ValueError(f"{name} must be (4, 4) and finite, not {pose}")
+    return pose
 
 
 def _checked_place(place: ArrayLike) -> NDArray[np.float64]:

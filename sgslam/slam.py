@@ -1,6 +1,7 @@
 """The algorithm: from scans to an S-graph, matched with and anchored to a plan, and a trajectory in the BIM frame."""
 
 import logging
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -8,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph, UserError
+from data.control import ControlPoint
 from data.plans import Bim
 from matching.result import AnyMatcher
 from sgslam.config import Config, TrackingSettings
@@ -37,7 +39,8 @@ class SceneGraphSlam(RunState):
     by default our own registration in continuous time); `clouds` stores the keyframes' points (default: an anonymous
     temporary file). `prior` is the map of earlier runs: the run is relocalised in it, wherever it starts, and merged
     into it at the end; all results are then in that map's frame. `storey` is the name or id of the A-graph's floor on
-    which the run begins; raises UserError if it does not exist. Scans must be added in the order of their stamps.
+    which the run begins; raises UserError if it does not exist. `control` are surveyed points that the sensor stood at
+    or saw, to which a finished map is fitted too, if it is anchored. Scans must be added in the order of their stamps.
     """
 
     def __init__(
@@ -49,10 +52,12 @@ class SceneGraphSlam(RunState):
         clouds: KeyframeClouds | None = None,
         prior: PriorMap | None = None,
         storey: str | None = None,
+        control: Sequence[ControlPoint] = (),
     ) -> None:
         config = config or Config()
         a_graph = bim.graph if isinstance(bim, Bim) else bim
         self._plan_file = bim.path if isinstance(bim, Bim) else None
+        self._control = control
         clouds = KeyframeClouds(None, config.clouds.keyframe_voxel) if clouds is None else clouds
         self._config, self._stopwatch = config, Stopwatch()
         self._tracking = RunTracker(config, odometry)
@@ -159,20 +164,24 @@ class SceneGraphSlam(RunState):
         if second_pass and session.prior is None and not session.unplaced and not notes.has_imu:
             single = pack(self._map, self._config, **self._given) if self.anchored else None
             again = _pass_again(self._map, self._config.tracking)
-        self._map.refine()
+        check = self._map.refine(self._control)
         advice = list(notes.advice)
         if not self.anchored and notes.is_way_up_assumed:  # a plan does not fit a map that is upside down
             advice.append(_WAY_UP)
             _log.warning("%s", _WAY_UP)
+        if lacking := len(self._control) - len(check.control):
+            unused = "the map is not anchored" if not self.anchored else "no scan is near their times"
+            advice.append(f"{lacking} of {len(self._control)} control points are not used: {unused}")
+            _log.warning("%s", advice[-1])
         finished = session.bim, session.unplaced, relocalisation, self._config, advice
-        result = assemble_result(self._map, *finished, again)
+        result = assemble_result(self._map, *finished, again, check)
         if single is None or not again or result.anchored:
             return result
         _log.warning("the second pass is left out: after it, %s", result.reason)
         self._map = unpack(single, self._config, **self._given)
         self._map.complete()
-        self._map.refine()
-        return assemble_result(self._map, *finished, passed_again=False)
+        check = self._map.refine(self._control)
+        return assemble_result(self._map, *finished, passed_again=False, check=check)
 
 
 def _pass_again(final: ActiveMap, settings: TrackingSettings) -> bool:

@@ -3,8 +3,8 @@
 `RawScan` (checked) -> `TimedPoints` (thinned) -> `Registration` (with its `Motion`) -> `TrackedScan` -> a keyframe.
 """
 
-from dataclasses import dataclass, field, replace
-from typing import Literal
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,3 +149,46 @@ class Relocalisation:
     found: bool
     found_s: float | None
     reason: str
+
+
+@dataclass(frozen=True)
+class HeldOutWall:
+    """How far a mapped wall is off the planned surface `a_id`, in a map that knows nothing of that wall's place."""
+
+    a_id: str
+    offset_m: float
+    sigma_m: float
+
+
+@dataclass(frozen=True)
+class ControlResidual:
+    """How far (m) the map has a control point off its coordinates, along x, y and z of the BIM frame; `sigmas` is the
+    largest of them in standard deviations. Beyond three it `contradicts`: either it or the map is wrong there."""
+
+    name: str
+    residual_m: tuple[float, float, float]
+    sigma_m: float
+    sigmas: float
+    contradicts: bool
+
+
+@dataclass(frozen=True)
+class MapCheck:
+    """How an anchored map agrees with walls that were held out of it, and with control points, to which it was fitted
+    unless they lie far off."""
+
+    held_out: tuple[HeldOutWall, ...] = ()
+    control: tuple[ControlResidual, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values: `held_out`, None without such walls, and `control`."""
+        walls, summary = self.held_out, None
+        if walls:
+            offsets, sigmas = (np.array([getattr(w, name) for w in walls]) for name in ("offset_m", "sigma_m"))
+            summary = {
+                "walls": len(walls),
+                "rms_m": float(np.sqrt(np.mean(offsets**2))),
+                "within_95": float(np.mean(np.abs(offsets) <= 1.96 * sigmas)),
+                "worst": asdict(walls[int(np.argmax(np.abs(offsets)))]),
+            }
+        return {"held_out": summary, "control": [asdict(own) for own in self.control]}

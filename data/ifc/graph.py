@@ -14,6 +14,7 @@ from ifcopenshell.util.element import get_parts
 from data.common.errors import UserError
 from data.geometry.areas import Area, united
 from data.ifc.doors import doors_of, rooms_between
+from data.ifc.georeference import georeference_of
 from data.ifc.products import open_ifc, solids
 from data.ifc.rooms import STOREY_APART, floor_of, floors_of, planned_levels, rooms_of
 from data.scene_graph import Floor, SceneGraph, WallSurface, implausible
@@ -74,7 +75,10 @@ def read_ifc(path: Path | str) -> tuple[SceneGraph, tuple[str, ...]]:
         return united(shadow for shadow in standing if shadow.intersects(area))
 
     levels_seen = level_surfaces(planned_levels(model, has_spaces), rooms, floors, walls_at)
-    graph = SceneGraph("bim", tuple(r.room for r in rooms), surfaces, doors, floors, level_surfaces=levels_seen)
+    known, wrong_reference = georeference_of(model)
+    notices += wrong_reference
+    rooms_seen = tuple(r.room for r in rooms)
+    graph = SceneGraph("bim", rooms_seen, surfaces, doors, floors, level_surfaces=levels_seen, georeference=known)
     if (wrong := implausible(graph)) is not None:
         notices.append(wrong)
     return graph, tuple(notices)

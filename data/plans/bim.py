@@ -20,7 +20,7 @@ from data.plans.polygons import Plan
 from data.plans.published_plans import Buildings, read_json_plan
 from data.scene_graph import SceneGraph
 
-EXTRACTOR_VERSION = 9  # to be raised whenever the A-graph of the same file changes
+EXTRACTOR_VERSION = 10  # to be raised whenever the A-graph of the same file changes
 IFC_SUFFIXES = (".ifc", ".ifczip")
 PLANS = "an IFC file (.ifc, .ifczip), a drawing (.dxf), GeoJSON (.geojson), or an A-graph (.json)"
 SETS = "plans (.json, .tar.gz, .ifc) or a folder of them"

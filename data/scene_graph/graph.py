@@ -19,6 +19,7 @@ from data.common.errors import UserError
 from data.common.files import read_json, write_json
 from data.geometry import se2
 from data.geometry.se2 import Array
+from data.scene_graph.georeference import Georeference
 from data.scene_graph.nodes import Door, Floor, Keyframe, LevelSurface, Room, WallSurface, Xy
 
 SCHEMA_VERSION = 1
@@ -32,7 +33,7 @@ Pose = tuple[float, float, float, float, float, float, float]  # x y z, and a qu
 @dataclass(frozen=True)
 class SceneGraph:
     """A building as planned (A-graph, frame `bim`) or as mapped (S-graph, frame `map`). Immutable. Only a plan has
-    `level_surfaces`, if it has heights.
+    `level_surfaces`, if it has heights, and a `georeference`, if it is known.
 
     Raises UserError where an id is used twice, a surface refers to a missing room, a centroid or a normal is not
     (x, y), a normal is not a unit vector, a length is not positive, a level surface is steep or has no polygon, or a
@@ -46,6 +47,7 @@ class SceneGraph:
     floors: tuple[Floor, ...] = ()
     keyframes: tuple[Keyframe, ...] = ()
     level_surfaces: tuple[LevelSurface, ...] = ()
+    georeference: Georeference | None = None
 
     def __post_init__(self) -> None:
         everything: list[Room | WallSurface | Door | Floor | Keyframe | LevelSurface] = [

@@ -5,28 +5,29 @@ editing a graph.
 """
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import F, P, V, X
+from gtsam.symbol_shorthand import F, P, X
 from numpy.typing import NDArray
 
+from sgslam.backend.adjustment import Adjustment
 from sgslam.backend.covariances import Uncertainty
-from sgslam.backend.graph_builder import GraphBuilder, offset_priors, point_factors, robust_weights
-from sgslam.backend.held_factors import KINDS, HeldFactors, Key, Kind, graph_of
+from sgslam.backend.graph_builder import GraphBuilder
+from sgslam.backend.held_factors import KINDS, HeldFactors, graph_of
 from sgslam.backend.variables import BIM, GraphInputs, start_values
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, transform_planes
 from sgslam.mapping import Anchors, Closure, KeyframeNode, PlannedWall, RoomNode, SeenLevel, SeenWall
+from sgslam.mapping.keyframes import ControlSight
 from sgslam.mapping.wall_points import Faces, WallPoints
+from sgslam.types import HeldOutWall
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
-# of the place on which the walls agree: rad and m, of heading and in plan view; tilt and height are free
-_PLACE = np.array([1.0, 1.0, 0.002, 0.02, 0.02, 1.0])
 _REWEIGHTED = 3  # optimisations with points; a fourth moves nothing by a millimetre
 _BELIEVABLE = 1e4  # largest error for each factor at an optimum: a hundred sigma
 
@@ -158,42 +159,26 @@ class Backend:
             kept = "the last estimates are kept"
             _log.warning("the optimisation of %d keyframes failed: %s; %s", len(self.keyframes), failure, kept)
 
-    def refine(self, faces: Faces, seen: WallPoints) -> None:
+    def refine(self, faces: Faces, seen: WallPoints, control: Sequence[ControlSight] = ()) -> tuple[HeldOutWall, ...]:
         """Moves the estimates of an anchored map to the optimum of a graph in which points on planned walls take the
-        place of the anchors of rooms, and of walls but for their directions. The held factors stay as they are."""
-        inputs, settings = self._inputs, self._config.anchors
+        place of the anchors of rooms, and of walls but for their directions, and with `control` points. The held
+        factors stay as they are. Returns how far walls stand off the plan that another optimum leaves out."""
+        inputs = self._inputs
         assert inputs.anchors is not None and self.T_map_local is not None
-        # what is known of the poses: walls were extracted from the same points, which count once
-        known = graph_of(self.held, lambda kind, key: kind not in ("wall", "room") and not _anchors_wall(kind, key))
         start = self._start(graph_of(self.held))
         start.update(BIM, gtsam.Pose3(self.T_map_local))  # where the points were seen from, not where it was before
-        walls = sorted({int(faces.wall[face]) for face in seen.face.tolist()})
-        for wall in walls:
-            start.insert(V(wall), np.zeros(1))
-        # the walls themselves make the map more rigid, and their directions upright
-        rigid = graph_of(self.held, lambda kind, key: kind in ("wall", "room"))
-        for factor in self._builder.directions(inputs):
-            rigid.add(factor)
-        # where most walls are moved the place that the walls agree on holds
-        rigid.add(gtsam.PriorFactorPose3(BIM, start.atPose3(BIM), gtsam.noiseModel.Diagonal.Sigmas(_PLACE)))
-        values, weights, offsets = start, np.ones(len(seen.face)), np.zeros(len(walls))
-        # the first optimum is the only one of its graph; from it, what lies far off counts less
+        given = self.held, self._builder, inputs, start, faces, seen, control, self._config
+        adjustment, values = Adjustment(*given), start
         for _ in range(_REWEIGHTED):
-            points = list(point_factors(faces, seen, start, settings, weights))
-            told = gtsam.NonlinearFactorGraph()
-            for factor in (*points, *offset_priors(walls, settings.sigma_offset, offsets)):
-                told.add(factor)
-            told.push_back(known)
-            graph = gtsam.NonlinearFactorGraph(told)
-            graph.push_back(rigid)
+            told, graph = adjustment.graphs()
             if failure := self._solve(20, graph, values):
                 _log.warning("the adjustment of %d keyframes failed: %s", len(self.keyframes), failure)
-                return
+                return ()
             assert self._optimum is not None
             values = self._optimum[1]
             self._optimum = told, *self._optimum[1:]
-            offsets = np.array([values.atVector(V(wall))[0] for wall in walls])
-            weights = robust_weights(np.sqrt(2 * np.array([factor.error(values) for factor in points]) / weights))
+            adjustment.reweight(values)
+        return adjustment.held_out(values)
 
     def _start(self, graph: gtsam.NonlinearFactorGraph) -> gtsam.Values:
         return start_values(graph, self._inputs, self.keyframes, self.planes_in_map, self.levels_in_map)
@@ -251,8 +236,3 @@ class Backend:
         self.planes_in_map = in_map(P, self._inputs.anchor_of)
         self.levels_in_map = in_map(F, self._inputs.anchor_of_level)
         self.T_map_local = values.atPose3(BIM).matrix() if values.exists(BIM) else None
-
-
-def _anchors_wall(kind: Kind, key: Key) -> bool:
-    """Whether a factor anchors a wall or a room; a frame at a planned wall has the key of its anchor, and "place"."""
-    return kind == "anchor" and key[0] in ("wall", "room") and key[-1] != "place"

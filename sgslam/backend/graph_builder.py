@@ -4,7 +4,7 @@ A factor whose measurement and variables did not change is reused.
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Any, Literal
 
 import gtsam
@@ -191,11 +191,12 @@ class GraphBuilder:
                 found["level", level, "place"] = factors.frame_at(place, BIM, frame)
                 found["level", level] = factors.storey_plane(0.0, frame, X(anchor), F(level), noise, side)
 
-    def directions(self, inputs: GraphInputs) -> Iterator[gtsam.NonlinearFactor]:
+    def directions(self, inputs: GraphInputs, left_out: Collection[str] = ()) -> Iterator[gtsam.NonlinearFactor]:
         """The anchors of walls by their directions alone, for a graph with anchors that leaves their places to other
-        factors."""
+        factors; without those to some of the planned surfaces."""
         for frame, wall, planned in inputs.wall_frames:
-            yield self._anchor(frame, wall, planned, inputs.anchor_of[wall], _FREE)
+            if planned.a_id not in left_out:
+                yield self._anchor(frame, wall, planned, inputs.anchor_of[wall], _FREE)
 
     def _anchor(
         self, frame: int, wall: int, planned: PlannedWall, anchor: int, sigma_offset: float | None = None
@@ -246,6 +247,11 @@ def point_factors(
         keys = X(keyframe), here[None], BIM, -there[None], V(int(faces.wall[face])), -faces.sign[face : face + 1, None]
         noise = gtsam.noiseModel.Isotropic.Sigma(1, float(sigma[i]))
         yield gtsam.LinearContainerFactor(gtsam.JacobianFactor(*keys, -seen.offset[i : i + 1], noise), values)
+
+
+def redescending(residual: Floats) -> Floats:
+    """The weights (N,) of what may be wrong altogether, by whitened residuals (Geman and McClure 1985)."""
+    return np.asarray(1.0 / (1.0 + (residual / _OUTLIER) ** 2) ** 2)
 
 
 def robust_weights(residual: Floats) -> Floats:

@@ -21,17 +21,21 @@ if TYPE_CHECKING:
 IFC = "as_built.ifc"
 
 
-def export(out: Path, formats: list[str], bim: Path | None = None, voxel: float | None = None) -> list[str]:
+def export(
+    out: Path, formats: list[str], bim: Path | None = None, voxel: float | None = None, georeferenced: bool = False
+) -> list[str]:
     """Writes the formats (names in FORMATS, or `all` for every possible one); returns one line for each file, and for
     what is left out of `all`.
 
-    `voxel` is the side of the point cloud map's voxels (m); None takes the run's setting. Raises UserError for a folder
-    that is not a run's or lacks needed files, a format that needs `bim` if it is not given, `ifc` and `bcf` of a run
-    that is not anchored, and a model that cannot be read or has none of the run's walls.
+    `voxel` is the side of the point cloud map's voxels (m); None takes the run's setting. `georeferenced`: poses and
+    point clouds in map coordinates. Raises UserError for a folder that is not a run's or lacks needed files, a format
+    that needs `bim` if it is not given, `ifc` and `bcf` of a run that is not anchored, a model that cannot be read or
+    has none of the run's walls, and map coordinates that are not known.
     """
     from sgslam.report import RunFolder
 
     run, lines, without = RunFolder.read(out), list[str](), dict[str, str]()
+    run = run.on_map() if georeferenced else run
     if "all" in formats:
         if run.T_bim_map is None:
             without = dict.fromkeys(NEED_MODEL, "the run was not anchored")
@@ -50,10 +54,9 @@ def export(out: Path, formats: list[str], bim: Path | None = None, voxel: float 
 
 
 def _kitti(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
-    from data.trajectory import Trajectory
     from data.trajectory.trajectory import write_kitti
 
-    trajectory = Trajectory.read_tum(run.path / "trajectory.tum")
+    trajectory = run.trajectory
     poses, times = run.path / "trajectory.kitti", run.path / "trajectory_times.txt"
     write_kitti(trajectory, poses, times)
     return [f"{poses}: {len(trajectory)} poses; times in {times.name}"]
@@ -64,7 +67,9 @@ def _ply(run: "RunFolder", bim: Path, voxel: float) -> list[str]:
 
     file = run.path / "map.ply"
     points, _ = run.map_points(voxel)
-    write_ply(file, points, f"{run.frame} frame, metres, voxels of {voxel:g} m")
+    points = points if run.georeference is None else run.georeference.on_map(points)
+    frame = f"{run.frame} frame" if run.georeference is None else run.georeference.crs
+    write_ply(file, points, f"{frame}, metres, voxels of {voxel:g} m")
     return [f"{file}: {len(points)} points, voxels of {voxel:g} m"]
 
 
@@ -134,12 +139,14 @@ def main(arguments: list[str] | None = None) -> int:
     add("--format", nargs="+", choices=names, default=[], metavar="NAME", help=formats)
     add("--bim", type=Path, metavar="FILE", help=f"the run's IFC model; needed for {', '.join(NEED_MODEL)}")
     add("--voxel", type=float, metavar="M", help="voxel size of the point cloud, metres (default: the run's)")
+    on_map = "kitti and ply in the map coordinates of the model's IfcMapConversion"
+    add("--georeferenced", action="store_true", help=on_map)
     options = parser.parse_args(arguments)
     if options.voxel is not None and not 1e-3 <= options.voxel <= 10:
         raise UserError(f"--voxel {options.voxel:g}: out of range; give 0.001 to 10 metres")
     if not options.format:
         raise UserError(f"--format is missing; give {formats}")
-    for line in export(options.out, options.format, options.bim, options.voxel):
+    for line in export(options.out, options.format, options.bim, options.voxel, options.georeferenced):
         print(line)
     return 0
 

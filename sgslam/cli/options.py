@@ -97,6 +97,9 @@ class RunOptions:
     start: Annotated[
         Triple | None, "X,Y,YAW", "rough initial pose in the BIM frame (m, rad); resolves ambiguous matches"
     ] = None
+    control: Annotated[
+        Path | None, "FILE", "surveyed points that the sensor stood at or saw, as CSV (docs/own_building.md)"
+    ] = None
     tolerance: Annotated[
         float | None, "LENGTH", "offset up to which an element counts as planned, e.g. 15mm (default: 30mm)"
     ] = None
@@ -131,7 +134,7 @@ _FIELDS = {own.name: own for own in fields(RunOptions)}
 _READ: dict[str, Callable[[str], Any]] = {"mount": _mount, "start": _start, "tolerance": _tolerance}  # with checks
 _GROUPS = {"scan_dir": "scans", "bim": "building", "config": "settings", "out": "results"}  # by their first options
 COMMON = (
-    *("bim", "layer", "storey", "start", "tolerance", "map", "stamp", "mount"),
+    *("bim", "layer", "storey", "start", "control", "tolerance", "map", "stamp", "mount"),
     *("config", "set", "out", "ground_truth", "verbose"),
 )
 ANCHORING = (*COMMON, "topic", "single_pass", "view", "rerun", "strict")  # of scans that are all there

@@ -49,6 +49,7 @@ class BuildingModel(NamedTuple):
     one_wall: float = 0.1  # rad between pieces of one wall, as they are mapped
     thinnest_wall: float = 0.03  # m
     thin_wall: float = 0.25  # m, from face to face; low things that are thicker are furniture
+    thickest_wall: float = 0.45  # m
     shortest_wall: float = 0.75  # m
     long_wall: float = 1.5  # m, of one whose upper part was not in view
     door_depth: float = 0.4  # m, of the wall that a door stands in

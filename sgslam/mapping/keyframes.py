@@ -118,3 +118,15 @@ class Anchors:
     planes: dict[int, list[PlannedWall]]
     rooms: dict[int, Floats]  # room -> T_bim_room (4, 4)
     elevations: dict[int, tuple[float, float]]  # m, planned heights of level surfaces by number, and their sigmas
+
+
+@dataclass(frozen=True, eq=False)
+class ControlSight:
+    """A control point at `place` (3,) in the plan that a keyframe's sensor has at `in_sensor` (3,), with the standard
+    deviation (m) of each coordinate of both together."""
+
+    name: str
+    keyframe: int
+    in_sensor: Floats
+    place: Floats
+    sigma: float

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.scene_graph import WALL_HEIGHT, SceneGraph, WallSurface
-from data.scene_graph.segments import Segments, straight_walls
+from data.scene_graph.segments import Segments, straight_walls, wall_names
 from sgslam.config.sensor import SENSOR
 from sgslam.geometry.frames import transform_points
 
@@ -22,7 +22,8 @@ _BIN = SENSOR.range_noise / 4  # of the search for the distance at which most po
 class Faces:
     """M upright faces: `wall` numbers the walls that they are of, `sign` (M,) is 1 where a wall's offset is along the
     face's normal, -1 where it is against it. `centre` and `normal` (M, 2) are in plan view, `half` (M,) half their
-    lengths, `heights` (M, 2) their lower and upper edges, in the plan's frame."""
+    lengths, `heights` (M, 2) their lower and upper edges, in the plan's frame. `surface` has the ids of
+    their surfaces, `body` the names of the walls that these are of."""
 
     wall: Ints
     sign: Floats
@@ -30,6 +31,8 @@ class Faces:
     normal: Floats
     half: Floats
     heights: Floats
+    surface: tuple[str, ...]
+    body: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,13 +66,17 @@ def faces_of(plan: SceneGraph) -> Faces:
                 heights.append(surface.height or (below, below + WALL_HEIGHT))
     wall, sign = straight_walls(pieces)
     drawn = Segments.of(pieces)
-    return Faces(wall, sign, drawn.centre, drawn.normal, drawn.half, np.array(heights).reshape(-1, 2))
+    names = wall_names(plan.wall_surfaces)
+    columns = wall, sign, drawn.centre, drawn.normal, drawn.half, np.array(heights).reshape(-1, 2)
+    return Faces(*columns, tuple(own.id for own in pieces), tuple(names[own.id] for own in pieces))
 
 
 def wall_points(faces: Faces, clouds: Iterable[tuple[Floats, NDArray[np.float32]]]) -> WallPoints:
     """The points of all keyframes, as pairs of T_plan_sensor (4, 4) and points (N, 3) in the sensor frame, at the
     distance from each face at which most points lie."""
-    parts = [_near_faces(faces, T, points, k) for k, (T, points) in enumerate(clouds)]
+    # in single precision, so from a round place nearby: a site may lie hundreds of kilometres from zero
+    near = np.round(faces.centre.mean(axis=0), -3) if len(faces.wall) else np.zeros(2)
+    parts = [_near_faces(faces, T, points, k, near) for k, (T, points) in enumerate(clouds)]
     rows = np.concatenate([part for part in parts if len(part)] or [np.empty((0, 5), np.float32)])
     found = list[Floats]()
     order = np.argsort(rows[:, 0], kind="stable")
@@ -78,11 +85,14 @@ def wall_points(faces: Faces, clouds: Iterable[tuple[Floats, NDArray[np.float32]
             found += _means(rows[own].astype(np.float64))
     table = np.array(found).reshape(-1, 6)
     whole = table[:, [0, 1, 5]].astype(np.int64)
-    return WallPoints(whole[:, 0], whole[:, 1], table[:, 2], whole[:, 2], table[:, 3:5])
+    return WallPoints(whole[:, 0], whole[:, 1], table[:, 2], whole[:, 2], table[:, 3:5] + near)
 
 
-def _near_faces(faces: Faces, T_plan_sensor: Floats, points: NDArray[np.float32], number: int) -> NDArray[np.float32]:
-    """(K, 5) of the points near a face: its number, that of the keyframe, the distance from the face, and x and y."""
+def _near_faces(
+    faces: Faces, T_plan_sensor: Floats, points: NDArray[np.float32], number: int, origin: Floats
+) -> NDArray[np.float32]:
+    """(K, 5) of the points near a face: its number, that of the keyframe, the distance from the face, and x and y from
+    `origin` (2,)."""
     sensor = T_plan_sensor[:3, 3]
     ahead = np.sum((sensor[:2] - faces.centre) * faces.normal, axis=1)
     own = np.flatnonzero((ahead > 0) & (ahead < SENSOR.furthest))
@@ -100,7 +110,7 @@ def _near_faces(faces: Faces, T_plan_sensor: Floats, points: NDArray[np.float32]
         count = int(near.sum())
         if count:
             same = np.tile([face, number], (count, 1))
-            found.append(np.column_stack([same, off[near], seen[near, :2]]).astype(np.float32))
+            found.append(np.column_stack([same, off[near], seen[near, :2] - origin]).astype(np.float32))
     return np.concatenate(found or [np.empty((0, 5), np.float32)])
 
 

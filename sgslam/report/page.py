@@ -41,6 +41,7 @@ def report_html(data: ReportData) -> str:
         error_lines=lines,
         other_floors=[(other.heading, plan_svg(other)) for other in others],
         summary=tables.summary_rows(data),
+        control=tables.control_rows(data.metrics),
         hypotheses=[] if anchored else tables.hypothesis_rows(data.hypotheses, storeys),
         about=data.metrics.get("about") or {},
         elements=element_rows(data.elements),

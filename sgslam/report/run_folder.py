@@ -1,7 +1,7 @@
 """A finished run, read from its folder, with its geometry in the frame of its `trajectory.tum`."""
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from data.common.errors import UserError
 from data.geometry.poses import xyzquat_to_poses
-from data.scene_graph import SceneGraph
+from data.scene_graph import Georeference, SceneGraph
+from data.trajectory import Trajectory
 from sgslam.as_built.elements.files import JSON as ELEMENTS
 from sgslam.config import Config
 from sgslam.config.loading import load_config
@@ -25,7 +26,8 @@ Floats = NDArray[np.float64]
 @dataclass(frozen=True, eq=False)
 class RunFolder:
     """`s_graph` is in the map frame, `a_graph` (None where no plan was given) in the BIM frame; `T_bim_map` (4, 4) is
-    None where the run was not anchored. `matches`, `deviations` and `metrics` have the forms of their files."""
+    None where the run was not anchored. `matches`, `deviations` and `metrics` have the forms of their files. With a
+    `georeference`, exports are in map coordinates."""
 
     path: Path
     s_graph: SceneGraph
@@ -34,6 +36,7 @@ class RunFolder:
     matches: dict[str, Any]
     deviations: list[dict[str, Any]]
     metrics: dict[str, Any] = field(default_factory=dict)
+    georeference: Georeference | None = None
 
     @staticmethod
     def read(path: Path) -> "RunFolder":
@@ -80,6 +83,20 @@ class RunFolder:
         if self.a_graph is None or self.T_bim_map is None:
             raise UserError(f"{self.path}: the run was not anchored, so there are no deviations from the plan")
         return self.a_graph, self.T_bim_map
+
+    def on_map(self) -> "RunFolder":
+        """The same run with a `georeference`. Raises UserError where it is not known."""
+        known = None if self.a_graph is None or self.T_bim_map is None else self.a_graph.georeference
+        if known is None:
+            why = "the run was not anchored" if self.T_bim_map is None else "its plan has no IfcMapConversion"
+            raise UserError(f"{self.path}: has no map coordinates: {why}; leave out --georeferenced")
+        return replace(self, georeference=known)
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The content of `trajectory.tum`, on the map with a `georeference`."""
+        found = Trajectory.read_tum(self.path / "trajectory.tum")
+        return found if self.georeference is None else replace(found, poses=self.georeference.poses_on_map(found.poses))
 
     @cached_property
     def config(self) -> Config:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from data.scene_graph import Georeference
 from sgslam.as_built.deviation_bands import MINUS
 from sgslam.config import AnchorSettings
 from sgslam.report.contents import ReportData
@@ -69,7 +70,25 @@ def run_rows(metrics: dict[str, Any]) -> dict[str, str]:
         rows["Relocalisation"] = f"{when if outcome['found'] else 'the last part was not placed: '}{outcome['reason']}"
     if metrics.get("first_anchor_s") is not None:
         rows["First anchored after"] = seconds(metrics["first_anchor_s"])
+    if check := metrics.get("held_out"):
+        worst, share = check["worst"], f"{100 * check['within_95']:.0f} % within 1.96 standard deviations"
+        off = f"{metres(worst['offset_m'])} \N{PLUS-MINUS SIGN} {metres(worst['sigma_m'])} at {worst['a_id']}"
+        rows[f"{check['walls']} walls, held out of the map"] = (
+            f"{metres(check['rms_m'])} off the plan (RMS), {share}; worst {off}"
+        )
+    if known := metrics.get("georeference"):
+        rows["Map coordinates"] = str(Georeference(**known))
     return rows | _accuracy_rows(metrics.get("accuracy") or {})
+
+
+def control_rows(metrics: dict[str, Any]) -> list[tuple[str, ...]]:
+    """Each control point with how far the map has it off along x, y and z, its standard deviation, and whether it
+    contradicts the rest."""
+    rows = []
+    for own in metrics.get("control") or ():
+        off = (metres(along).replace("-", MINUS) for along in own["residual_m"])
+        rows.append((own["name"], *off, metres(own["sigma_m"]), "contradicts the rest" if own["contradicts"] else ""))
+    return rows
 
 
 def summary_rows(data: ReportData) -> list[tuple[str, str]]:

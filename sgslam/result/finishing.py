@@ -24,7 +24,7 @@ from sgslam.session.soundness.scan_uncertainty import (
     why_none_is_anchored,
 )
 from sgslam.session.soundness.standing_walls import share_looked_through, standing_walls
-from sgslam.types import NO_PLAN, Relocalisation
+from sgslam.types import NO_PLAN, MapCheck, Relocalisation
 
 if TYPE_CHECKING:
     from matching.result import MatchesFile  # loads the matchers
@@ -47,9 +47,10 @@ def assemble_result(
     config: Config,
     advice: list[str],
     passed_again: bool,
+    check: MapCheck,
 ) -> Result:
     """The result of a run whose map is `final`; `advice` are lines of the tracker. `passed_again`: all scans were
-    registered a second time.
+    registered a second time. `check` is how well the map agrees with walls that were left out, and control points.
 
     `unplaced` are the submaps that could not be relocalised: each is laid at the last known pose of the sensor, in the
     map's trajectory only. A pose in a prior map does not count as anchored to the building.
@@ -84,6 +85,8 @@ def assemble_result(
             reason = f"{reason}; the map has several parts: {others} of {len(states.part)} scans are not in the first"
     elif missing := what_is_not_anchored(states):
         reason = f"{reason}; {missing}"
+    check = MapCheck() if T_bim_map is None else check
+    advice = [*advice, *_contradictions(check)]
     first_anchor_s = None  # seconds from the run's first scan in the map
     if T_bim_map is not None and final.first_anchor_ns is not None:
         first_anchor_s = (final.first_anchor_ns - int(run.in_map.stamps_ns[0])) / 1e9
@@ -113,6 +116,7 @@ def assemble_result(
         relocalisation=relocalisation,
         trajectory_live=_live(run.scans, states, T_bim_map) if passed_again else None,
         advice=tuple(dict.fromkeys(advice)),
+        check=check,
     )
 
 
@@ -139,6 +143,16 @@ def _place(
     if not own.anchored.any():
         return place, why_none_is_anchored(own, config.quality)
     return place, contradiction(place.probability, sound, signals, config.anchors.withdraw)
+
+
+def _contradictions(check: MapCheck) -> list[str]:
+    """A warning for each control point that the map has more than three standard deviations off."""
+    lines = []
+    for own in (own for own in check.control if own.contradicts):
+        off = f"{np.linalg.norm(own.residual_m):.3f} m off, {own.sigmas:.0f} standard deviations"
+        lines.append(f"control point {own.name} is {off}: it contradicts the plan or the other points")
+        _log.warning("%s", lines[-1])
+    return lines
 
 
 def _what_helps(matches: "MatchesFile | None", reason: str) -> list[str]:

@@ -1,7 +1,7 @@
 """The result of a run (trajectories, S-graph, matches, deviations, metrics) and its output folder."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +19,7 @@ from sgslam.mapping import KeyframeClouds
 from sgslam.session.checkpoints import write_run
 from sgslam.session.soundness.quality import PlaceReport, Quality
 from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
-from sgslam.types import Health, Relocalisation
+from sgslam.types import Health, MapCheck, Relocalisation
 
 # a run needs none of these before its end
 if TYPE_CHECKING:
@@ -50,7 +50,8 @@ class Result:
     without a prior map. `tracked` is the number of good, degraded and lost scans; `uncertainty` has a line for each
     scan, and `quality` says whether the map is sound. `advice` has a line for each thing that seems wrong with the
     scans or with what the user stated about them. `plan_file` is the file that the plan was read from, None if it is
-    not known; `given` has all poses of another SLAM system whose scans these are, None without one. `slam` is the
+    not known; `check` says how an anchored map agrees with walls that were left out and with control points; `given`
+    has all poses of another SLAM system whose scans these are, None without one. `slam` is the
     system that made the result, to save its state.
     """
 
@@ -81,6 +82,7 @@ class Result:
     plan_file: Path | None = None
     given: Trajectory | None = None
     slam: "RunState | None" = None
+    check: MapCheck = field(default_factory=MapCheck)
 
     @property
     def deviations(self) -> "list[Deviation]":
@@ -142,7 +144,7 @@ class Result:
 
     def metrics(self) -> dict[str, Any]:
         """The content of metrics.json, without the fields that the command line adds."""
-        T = self.T_bim_map
+        T, known = self.T_bim_map, None if self.a_graph is None else self.a_graph.georeference
         return {
             "anchored": self.anchored,
             "reason": self.reason,
@@ -150,6 +152,8 @@ class Result:
             "quality": {name: asdict(signal) for name, signal in self.quality.items()},
             "place": None if self.place is None else self.place.to_dict(),
             "T_bim_map": None if T is None else poses_to_xyzquat(T[None])[0].tolist(),
+            **self.check.to_dict(),
+            "georeference": None if known is None else asdict(known),
             "scans": len(self.trajectory_map),
             "scans_skipped": 0,
             "tracked": dict(self.tracked),

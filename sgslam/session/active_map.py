@@ -1,13 +1,14 @@
 """The map that a run is building: its scans, keyframes, floors and factor graph, and its anchoring to the plan."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from data.control import ControlPoint
 from sgslam.anchoring import BuildingAnchoring
 from sgslam.backend import Backend
 from sgslam.config import Config
@@ -17,11 +18,12 @@ from sgslam.mapping import Anchors, Floors, FloorTransition, KeyframeClouds, Key
 from sgslam.mapping.wall_points import faces_of, wall_points
 from sgslam.perception import keyframe_scan
 from sgslam.registration.motion import few_points, motion_from_stamp
+from sgslam.session.control_sights import control_residuals, control_sights
 from sgslam.session.scan_points import ScanPoints
 from sgslam.session.scan_poses import ScanPose, StepUncertainty
 from sgslam.session.stopwatch import Stopwatch
 from sgslam.surfels import SurfelMap
-from sgslam.types import TrackedScan
+from sgslam.types import MapCheck, TrackedScan
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -223,18 +225,22 @@ class ActiveMap:
         first, began = of_points[keyframes[0].scan], level_at(keyframes[0].T_map_sensor)
         self.backend.take_steps(began @ inverse(level_at(first)) @ first)  # only its tilt is new
 
-    def refine(self) -> None:
-        """Refines a map that is anchored to a building by all points that its keyframes saw on planned walls."""
+    def refine(self, control: Sequence[ControlPoint] = ()) -> MapCheck:
+        """Refines a map that is anchored to a building by all points that its keyframes saw on planned walls, and by
+        control points; returns how well it then agrees with walls that are left out, and with these points."""
         if not self._config.anchors.points or self.T_bim_map is None or self.anchoring is None:
-            return
+            return MapCheck()
         with self.stopwatch("adjustment"):
             T_plan_sensor = self.T_bim_map @ self.backend.poses
             faces = faces_of(self.anchoring.a_graph)
             seen = wall_points(faces, ((T, self.clouds[k]) for k, T in enumerate(T_plan_sensor)))
-            in_local = replace(seen, place=seen.place - self.anchoring.origin[:2])
-            self.backend.refine(faces, in_local)
+            in_local, origin = replace(seen, place=seen.place - self.anchoring.origin[:2]), self.anchoring.origin
+            sights = control_sights(control, self.scans, self._config.odometry.sigma_translation)
+            sights_in_local = [replace(own, place=own.place - origin) for own in sights]
+            held_out = self.backend.refine(faces, in_local, sights_in_local)
         self.floors.refresh(*self.backend.estimates, self.transition.height, last=True)
         self._cut_scenes()
+        return MapCheck(held_out, control_residuals(sights, self.T_bim_map @ self.backend.poses))
 
     def _anchors(self, last: bool) -> Anchors | None:
         """The anchors to the plan; None while the map is not placed."""

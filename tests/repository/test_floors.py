@@ -18,8 +18,8 @@ BELOW = {
 }
 HOMES = {"torch": "matching", "ifcopenshell": "data"}
 FLOORS = {  # sub-packages and modules of each package, the lowest first
-    "data": "common bags geometry scene_graph trajectory imu scans streams slam_output walls ifc plans datasets "
-    "generation simulation synthetic_maps simulate",
+    "data": "common bags geometry scene_graph trajectory control imu scans streams slam_output walls ifc plans "
+    "datasets generation simulation synthetic_maps simulate",
     "matching": "result arrays engine judge training published ambiguity matcher match train",
     "factors": "noise planes bim anchors",
     "sgslam": "own_packages types config geometry serialization perception inertial surfels registration odometry "

@@ -8,9 +8,11 @@ from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
 
+import numpy as np
 from pydantic import TypeAdapter
 
 from data.common.errors import EndOfScansError, UserError
+from data.control import ControlPoint, read_control
 from data.imu import ImuSamples, read_imu
 from data.plans import Bim, load_bim
 from data.scans import Scan, ScanSource
@@ -22,6 +24,7 @@ from sgslam.anchoring import check_storey
 from sgslam.cli.options import RunOptions, Triple
 from sgslam.config import Config
 from sgslam.config.loading import load_config
+from sgslam.config.sensor import SENSOR
 from sgslam.geometry.trajectory_errors import associate
 from sgslam.odometry.factory import ExternalOdometry, choose
 from sgslam.perception.scan_checks import in_metres_and_sensor_frame
@@ -66,7 +69,7 @@ class PassedScans(ScanSource):
 class Building:
     """What a run is compared with: the plan, the map of an earlier run and the true poses, None without one, and the
     matcher. `began` and `cpu_began` are the readings of the wall clock and of the CPU clock (s) at the start of the
-    run, `seconds` is the time that reading the plan took."""
+    run, `seconds` is the time that reading the plan took. `control` are surveyed points."""
 
     bim: Bim | None
     prior_map: PriorMap | None
@@ -75,6 +78,7 @@ class Building:
     began: float
     cpu_began: float
     seconds: float
+    control: tuple[ControlPoint, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,8 +143,8 @@ class RunInputs:
             raise UserError(f"setting matching.method: {error}") from None
         prior = None if options.map is None else self._prior_map(options.map)
         plan = options.bim
-        if plan is None and (options.storey is not None or options.start is not None):
-            raise UserError("--storey and --start refer to a building; give --bim too")
+        if plan is None and (options.storey is not None or options.start is not None or options.control is not None):
+            raise UserError("--storey, --start and --control refer to a building; give --bim too")
         if plan is None and prior is not None and prior.T_bim_map is not None and options.map is not None:
             anchored_to = options.map / "a_graph.json"
             plan = anchored_to if anchored_to.is_file() else None
@@ -155,10 +159,23 @@ class RunInputs:
         seconds, cpu_seconds = perf_counter() - began, process_time() - cpu_began
         if bim is not None:
             check_storey(bim.graph, options.storey)
+        control = self._control(bim)
         if not isinstance(scans, PassedScans):  # else the process that passes them has compiled
             compile_ahead().wait()  # not counted in the run's time
         began, cpu_began = perf_counter() - seconds, process_time() - cpu_seconds
-        return Building(bim, prior, truth, MatcherWithStart(matcher, options.start), began, cpu_began, seconds)
+        with_start = MatcherWithStart(matcher, options.start)
+        return Building(bim, prior, truth, with_start, began, cpu_began, seconds, control)
+
+    def _control(self, bim: Bim | None) -> tuple[ControlPoint, ...]:
+        """The control points, each with a scan near its time as far as the stamps are known."""
+        path, stamps = self.options.control, self.scans.stamps_ns
+        if path is None or bim is None:
+            return ()
+        points = read_control(path, bim.graph.georeference)
+        for point in points:
+            if stamps is not None and np.abs(stamps - point.stamp_ns).min() > 1e9 * SENSOR.longest_scan:
+                raise UserError(f"{path}: no scan is near the time of point {point.name}; give it by the scans' clock")
+        return points
 
     def header(self) -> dict[str, Any]:
         """What a state says about its run, in JSON form: a digest of the files that it reads, its settings and its

@@ -81,6 +81,7 @@ class Run:
         else:
             clouds = KeyframeClouds.open(out / CLOUDS, resumed["keyframes"], voxel)
         more: dict[str, Any] = {"clouds": clouds, "prior": building.prior_map, "storey": options.storey}
+        more["control"] = building.control
         self.slam = SceneGraphSlam(building.bim, building.matcher, config, **more)
         self.progress = Progress()
         if resumed is not None:
