@@ -1,4 +1,5 @@
-// The table of elements: sorting, searching, and the outlines in the plans that its rows stand for.
+// The table of elements: sorting, searching, tolerances, and the outlines in the plans that its rows stand for. What is
+// chosen is in the address, so that a link shows what its sender saw.
 if (document.getElementById("elements")) {
 const table = document.getElementById("elements");
 const rows = [...table.tBodies[0].rows];
@@ -16,12 +17,15 @@ const filter = () => {
   }
   document.getElementById("element-count").textContent = `${shown} of ${rows.length}`;
 };
-search.addEventListener("input", filter);
+const press = (verdict) => {
+  for (const tile of tiles) tile.ariaPressed = String(tile.dataset.verdict === verdict);
+  filter();
+};
+search.addEventListener("input", () => { filter(); remember(); });
 for (const tile of tiles) {
   tile.addEventListener("click", () => {
-    const pressed = tile.ariaPressed !== "true";
-    for (const other of tiles) other.ariaPressed = String(pressed && other === tile);
-    filter();
+    press(tile.ariaPressed === "true" ? "" : tile.dataset.verdict);
+    remember();
     document.getElementById("elements-card").scrollIntoView({ block: "nearest" });
   });
 }
@@ -33,24 +37,32 @@ const value = (row, column) => {
 };
 const compare = (a, b) => typeof a === "number" && typeof b === "number" ? a - b : collator.compare(a, b);
 const heads = [...table.tHead.rows[0].cells];
+const sortBy = (column, order) => {
+  for (const [number, head] of heads.entries()) head.ariaSort = number === column ? order : "none";
+  const up = order === "ascending";
+  rows.sort((one, two) => {
+    const [a, b] = [value(one, column), value(two, column)];
+    if (a === null || b === null) return (a === null) - (b === null); // without a value: last, either way
+    return up ? compare(a, b) : compare(b, a);
+  });
+  table.tBodies[0].append(...rows);
+};
 for (const [column, head] of heads.entries()) {
   head.firstElementChild.addEventListener("click", () => {
-    const up = head.ariaSort !== "ascending";
-    for (const other of heads) other.ariaSort = other === head ? (up ? "ascending" : "descending") : "none";
-    rows.sort((one, two) => {
-      const [a, b] = [value(one, column), value(two, column)];
-      if (a === null || b === null) return (a === null) - (b === null); // without a value: last, either way
-      return up ? compare(a, b) : compare(b, a);
-    });
-    table.tBodies[0].append(...rows);
+    sortBy(column, head.ariaSort === "ascending" ? "descending" : "ascending");
+    remember();
   });
 }
 
-const outlines = new Map([...document.querySelectorAll(".plan [data-element]")].map((o) => [o.dataset.element, o]));
+const marks = new Map(); // what stands for an element in the plans, by its id
+for (const mark of document.querySelectorAll(".plan [data-element]")) {
+  marks.set(mark.dataset.element, [...(marks.get(mark.dataset.element) ?? []), mark]);
+}
+const outlines = new Map([...marks].map(([id, own]) => [id, own.find((mark) => mark.localName === "polygon")]));
 const rowOf = new Map(rows.map((row) => [row.dataset.id, row]));
 const choose = (row) => {
   for (const other of rows) other.classList.toggle("chosen", other === row);
-  for (const [id, outline] of outlines) outline.classList.toggle("chosen", id === row.dataset.id);
+  for (const [id, outline] of outlines) outline?.classList.toggle("chosen", id === row.dataset.id);
 };
 for (const row of rows) {
   const outline = outlines.get(row.dataset.id);
@@ -72,11 +84,46 @@ for (const plan of document.querySelectorAll(".plan")) {
     if (!row) return;
     if (row.hidden) {
       search.value = "";
-      for (const tile of tiles) tile.ariaPressed = "false";
-      filter();
+      press("");
+      remember();
     }
     choose(row);
     row.scrollIntoView({ block: "center" });
   });
 }
+
+const presets = [...document.querySelectorAll(".tolerance button")];
+const [slider, of] = ["tolerance", "tolerance-of"].map((id) => document.getElementById(id));
+let limits = { ...presets[0].dataset }; // mm by class
+const judge = (chosen) => {
+  limits = chosen;
+  slider.value = limits[of.value || "wall"];
+  judgeRows(rows, marks, limits);
+  filter();
+};
+for (const preset of presets) preset.addEventListener("click", () => { judge({ ...preset.dataset }); remember(); });
+of.addEventListener("change", () => judge(limits));
+slider.addEventListener("input", () => {
+  const kinds = of.value ? [of.value] : Object.keys(limits);
+  judge({ ...limits, ...Object.fromEntries(kinds.map((kind) => [kind, slider.value])) });
+  remember();
+});
+
+const remember = () => {
+  const sorted = heads.findIndex((head) => head.ariaSort !== "none");
+  const seen = { search: search.value, verdict: tiles.find((tile) => tile.ariaPressed === "true")?.dataset.verdict };
+  if (sorted >= 0) Object.assign(seen, { sort: heads[sorted].textContent, order: heads[sorted].ariaSort });
+  const own = Object.entries({ ...seen, ...limits }).filter(([name, text]) => text && text !== presets[0].dataset[name]);
+  history.replaceState(null, "", "#" + new URLSearchParams(own));
+};
+const recall = () => {
+  const { search: words = "", verdict = "", sort, order, ...chosen } = Object.fromEntries(new URLSearchParams(location.hash.slice(1)));
+  search.value = words;
+  press(verdict);
+  judge(Object.fromEntries(Object.entries(presets[0].dataset).map(([kind, mm]) => [kind, Number(chosen[kind]) > 0 ? chosen[kind] : mm])));
+  const column = heads.findIndex((head) => head.textContent === sort);
+  if (column >= 0) sortBy(column, order);
+};
+addEventListener("hashchange", recall);
+recall();
 }

@@ -131,6 +131,20 @@ def _met(view: View, scene: TriangleScene | None) -> tuple[NDArray[np.float32], 
     return planned.astype(np.float32), face.astype(np.int32)
 
 
+def towards(seen: SeenRays, bodies: Sequence[Floats]) -> Ints:
+    """(B, 2) how many rays go towards each of some bodies (M, 3, 3) and reach it, and how many end before it; a ray
+    counts for the nearest of the bodies."""
+    counts = np.zeros((len(bodies), 2), np.int64)
+    scene = TriangleScene(np.concatenate(bodies)) if bodies else None
+    owner = np.repeat(np.arange(len(bodies)), [len(body) for body in bodies])
+    for view in seen.views:
+        away, face = _met(view, scene)
+        near = (face >= 0) & (away < SENSOR.furthest)
+        is_hidden = view.rays()[1] < away - SENSOR.apart
+        np.add.at(counts, (owner[face[near]], is_hidden[near].astype(np.int64)), 1)
+    return counts
+
+
 @dataclass(frozen=True)
 class Sightings:
     """N sightings, one for each keyframe, cell of a surface: what was measured in it, in the median.

@@ -15,7 +15,7 @@ from data.plans.bodies import PANE, PlannedElement
 from sgslam.as_built.elements import ElementVerdict
 from sgslam.as_built.elements.files import PICTURES, picture_of, write_elements
 from sgslam.as_built.elements.rays import View
-from sgslam.as_built.elements.tolerance_classes import angle_compliance, angle_limit, loa_class, parse_length
+from sgslam.as_built.elements.tolerance_classes import angle_limit, compliance, loa_class, parse_length
 
 WALL = box((3.0, -3.0, 0.0), (3.2, 3.0, 2.6))
 QUARTER = box((3.0, -3.0, 0.0), (3.2, -1.5, 2.6))  # of it stands
@@ -147,8 +147,8 @@ def test_limits_of_the_classes_are_those_of_their_standards() -> None:
     assert [loa_class(sigma)[-2:] for sigma in sigmas] == ["50", "40", "30", "30", "20", "10"]
     lengths, limits = (0.4, 1.0, 2.9, 4.0, 15.0, 30.0, 31.0), [0.003, 0.006, 0.008, 0.012, 0.016, 0.020, 0.030]
     assert [angle_limit(metres) for metres in lengths] == limits
-    kept = ["kept", "exceeded", "uncertain", "uncertain"]
-    assert [angle_compliance(d, 0.003, 0.012) for d in (0.0, -0.02, 0.011, -0.017)] == kept
+    kept = ["within", "outside", "not conclusive", "not conclusive"]
+    assert [compliance(d, 0.003, 0.012) for d in (0.0, -0.02, 0.011, -0.017)] == kept
 
 
 def test_a_turned_wall_breaks_the_limit_for_its_length() -> None:
@@ -160,7 +160,7 @@ def test_a_turned_wall_breaks_the_limit_for_its_length() -> None:
     found = wall(views)
     assert found.turn_rad is not None and found.turn_sigma_rad is not None
     assert found.turn_rad == pytest.approx(angle, abs=2 * found.turn_sigma_rad)
-    assert (found.din_18202, found.din_18202_limit_m) == ("exceeded", 0.012)
+    assert (found.din_18202, found.din_18202_limit_m) == ("outside", 0.012)
     loose = [replace(view, sigma_heading=0.01) for view in views]  # headings that could make the turn
-    assert wall(loose).din_18202 == "uncertain"
+    assert wall(loose).din_18202 == "not conclusive"
     assert wall([replace(view, sigma_heading=np.inf) for view in views]).turn_rad is None
