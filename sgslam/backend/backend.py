@@ -14,6 +14,7 @@ import numpy as np
 from gtsam.symbol_shorthand import F, P, V, X
 from numpy.typing import NDArray
 
+from data.common.bars import steps
 from sgslam.backend.covariances import Uncertainty
 from sgslam.backend.graph_builder import GraphBuilder, offset_priors, point_factors, redescending
 from sgslam.backend.held_factors import KINDS, HeldFactors, Key, Kind, graph_of
@@ -178,7 +179,7 @@ class Backend:
         rigid.add(gtsam.PriorFactorPose3(BIM, start.atPose3(BIM), gtsam.noiseModel.Diagonal.Sigmas(_PLACE)))
         values, weights, offsets = start, np.ones(len(seen.face)), np.zeros(len(walls))
         # the first optimum is the only one of its graph; from it, what lies far off counts less
-        for _ in range(_REWEIGHTED):
+        for _ in steps(range(_REWEIGHTED), "adjustment"):
             points = list(point_factors(faces, seen, start, settings, weights))
             told = gtsam.NonlinearFactorGraph()
             for factor in (*points, *offset_priors(walls, settings.sigma_offset, offsets)):

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
+from data.common.bars import steps
 from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.registration.beliefs import MotionModel
@@ -104,7 +105,7 @@ def smoothed(
         surfels = _map_of(scans, knots_of, motion, is_known).arrays
         for own in seen:
             own.begin(settings.kernel if number else FIRST_OF_KERNEL * settings.kernel)
-        for _ in range(_ITERATIONS):
+        for _ in steps(range(_ITERATIONS), f"second pass, {number + 1} of {_MAPS}"):
             with ThreadPoolExecutor() as threads:
                 knots = [motion.knots[own] for own in knots_of]
                 list(threads.map(_Seen.look, seen, scans, knots, repeat(surfels), repeat(weights)))

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from data.common.bars import steps
 from sgslam.anchoring import BuildingAnchoring
 from sgslam.backend import Backend
 from sgslam.config import Config
@@ -230,7 +231,9 @@ class ActiveMap:
         with self.stopwatch("adjustment"):
             T_plan_sensor = self.T_bim_map @ self.backend.poses
             faces = faces_of(self.anchoring.a_graph)
-            seen = wall_points(faces, ((T, self.clouds[k]) for k, T in enumerate(T_plan_sensor)))
+            seen = wall_points(
+                faces, ((T, self.clouds[k]) for k, T in enumerate(steps(T_plan_sensor, "points on walls")))
+            )
             in_local = replace(seen, place=seen.place - self.anchoring.origin[:2])
             self.backend.refine(faces, in_local)
         self.floors.refresh(*self.backend.estimates, self.transition.height, last=True)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from data.common.bars import steps
 from data.geometry.raycast import TriangleScene
 from data.plans.bodies import PlannedElement
 from sgslam.config.sensor import BUILDING, SENSOR
@@ -75,7 +76,7 @@ class SeenRays:
         self.normal = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
         self._sensors = np.array([view.sensor for view in views]).reshape(-1, 3)
         scene = TriangleScene(triangles) if len(triangles) else None
-        self._met = [_met(view, scene) for view in views]
+        self._met = [_met(view, scene) for view in steps(views, "rays in the plan")]
         self._seen_by: dict[int, list[int]] = {}
         for k, (_, faces) in enumerate(self._met):
             for solid in np.unique(self.owner[np.unique(faces[faces >= 0])]).tolist():

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from data.common.bars import steps
 from data.plans.bodies import PlannedElement
 from sgslam.as_built.elements.columns import column_finding, is_column
 from sgslam.as_built.elements.likelihoods import (
@@ -44,13 +45,13 @@ def element_findings(
     order = np.argsort(seen.element, kind="stable")
     ends = np.searchsorted(seen.element[order], np.arange(len(solids) + 1))
     found: dict[str, Finding] = {}
-    for k, element in enumerate(solids):
+    for k, element in enumerate(steps(solids, "elements")):
         if is_column(element):
             found[element.global_id] = column_finding(k, solids, rays, limits)
         else:
             found[element.global_id] = _solid(element, seen, order[ends[k] : ends[k + 1]], rays.views, limits)
     index = {element.global_id: k for k, element in enumerate(solids)}
-    for opening in (element for element in elements if element.kind == "opening"):
+    for opening in steps([element for element in elements if element.kind == "opening"], "doors and windows"):
         host = index.get(opening.wall)
         if host is None:
             found[opening.global_id] = Finding("not seen", "the plan has no wall around it")
