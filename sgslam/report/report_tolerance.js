@@ -1,4 +1,4 @@
-// Verdicts at any tolerance, in the table of elements, its counts, and the plans.
+// Verdicts at any tolerance, in the table of elements and the plans.
 
 // As `judged` in sgslam/as_built/elements/likelihoods.py; metres.
 function judged(offset, sigma, doubt, tolerance) {
@@ -10,38 +10,25 @@ function judged(offset, sigma, doubt, tolerance) {
 }
 
 // Judges the rows by tolerances in mm, by class; `marks` are what stands for them in the plans, by their ids.
-function judgeRows(rows, marks, limits) {
-  const tiles = [...document.querySelectorAll("[data-verdict]")];
-  const columns = [...document.querySelectorAll("#elements th")].map((head) => head.textContent);
-  const [ofVerdict, ofTolerance] = ["Verdict", "Tolerance"].map((name) => columns.indexOf(name));
-  const counts = { within: 0, outside: 0, "not conclusive": 0 };
+function judgeRows(rows, marks, limits, ofVerdict, ofTolerance) {
   for (const row of rows) {
     const { kind, offset, sigma, doubt } = row.dataset;
-    if (kind) {
-      const [verdict, kept] = judged(Number(offset), Number(sigma), doubt !== undefined, limits[kind] / 1000);
-      const cell = row.cells[ofVerdict];
-      row.dataset.of = cell.textContent = verdict;
-      cell.className = "verdict-" + verdict.replace(" ", "-");
-      cell.dataset.sort = tiles.findIndex((tile) => tile.dataset.verdict === verdict);
-      row.cells[ofTolerance].textContent = kept;
-      for (const mark of marks.get(row.dataset.id) ?? []) {
-        if (mark.localName === "polygon") {
-          mark.classList.remove(...[...mark.classList].filter((name) => name.startsWith("verdict-")));
-          mark.classList.add(cell.className);
-          const [name, , ...reason] = mark.firstElementChild.textContent.split("\n");
-          mark.firstElementChild.textContent = [name, verdict, ...reason].join("\n");
-        } else mark.classList.toggle("significant", verdict === "moved" && Math.abs(offset) > 2 * sigma);
-      }
+    if (!kind) continue;
+    const [verdict, kept] = judged(Number(offset), Number(sigma), doubt !== undefined, limits[kind] / 1000);
+    const cell = row.cells[ofVerdict];
+    row.cells[ofTolerance].textContent = kept;
+    if (row.dataset.of === verdict) continue;
+    const before = cell.className;
+    row.dataset.of = cell.textContent = verdict;
+    cell.className = "verdict-" + verdict.replace(" ", "-");
+    cell.dataset.sort = document.querySelector(`.${cell.className}.tile`).dataset.rank;
+    for (const mark of marks.get(row.dataset.id)) {
+      mark.classList.toggle("significant", verdict === "moved" && Math.abs(offset) > 2 * sigma);
+      if (!mark.classList.replace(before, cell.className)) continue; // a mapped wall
+      const [name, , ...reason] = mark.firstElementChild.textContent.split("\n");
+      mark.firstElementChild.textContent = [name, verdict, ...reason].join("\n");
     }
-    const kept = row.cells[ofTolerance].textContent;
-    if (kept in counts) counts[kept] += 1;
   }
-  for (const tile of tiles) {
-    const own = rows.filter((row) => row.dataset.of === tile.dataset.verdict);
-    tile.firstElementChild.textContent = own.length.toLocaleString("en");
-  }
-  document.getElementById("tolerances").textContent =
-    Object.entries(limits).map(([kind, mm]) => `${kind} ${mm} mm`).join(", ");
-  document.getElementById("tolerance-counts").textContent =
-    Object.entries(counts).map(([kept, count]) => `${count} ${kept}`).join(", ");
+  const texts = ["wall", "slab", "opening"].map((kind) => `${kind} ${limits[kind]} mm`);
+  document.getElementById("tolerances").textContent = texts.join(", ");
 }
