@@ -65,19 +65,9 @@ def element_marks(entries: Sequence[Entry], floor: Floor | None) -> list[Mark]:
     return sorted(marks, key=lambda mark: "flat" not in mark.looks)
 
 
-COLUMNS: tuple[str, ...] = (
-    "Element",
-    "Kind",
-    "Storey",
-    "Rooms",
-    "Verdict",
-    "Progress",
-    "Tolerance",
-    "Offset",
-    "Sigma",
-    "LOA",
-)
-COLUMNS += ("DIN 18202", "Coverage", "Reason")
+_OF_MODEL = ("Element", "Kind", "Storey", "Rooms")
+_FOUND = ("Verdict", "Progress", "Tolerance", "Offset", "Sigma", "LOA", "DIN 18202", "Coverage", "Reason")
+COLUMNS = _OF_MODEL + _FOUND
 NUMBERS = ("Offset", "Sigma", "Coverage")
 Cell = tuple[str, float | None]  # its text, and what orders the column: None where the text does, or there is nothing
 
