@@ -35,12 +35,13 @@ const value = (row, column) => {
 };
 const compare = (a, b) => typeof a === "number" && typeof b === "number" ? a - b : collator.compare(a, b);
 const sort = (column, up) => {
+  const before = [...rows];
   rows.sort((one, two) => {
     const [a, b] = [value(one, column), value(two, column)];
     if (a === null || b === null) return (a === null) - (b === null); // without a value: last, either way
     return up ? compare(a, b) : compare(b, a);
   });
-  table.tBodies[0].append(...rows);
+  if (rows.some((row, k) => row !== before[k])) table.tBodies[0].append(...rows);
 };
 
 const show = () => {

@@ -16,8 +16,8 @@ function judgeRows(rows, marks, limits, ofVerdict, ofTolerance) {
     if (!kind) continue;
     const [verdict, kept] = judged(Number(offset), Number(sigma), doubt !== undefined, limits[kind] / 1000);
     const cell = row.cells[ofVerdict];
+    if (row.dataset.of === verdict && row.cells[ofTolerance].textContent === kept) continue; // a change costs a layout
     row.cells[ofTolerance].textContent = kept;
-    if (row.dataset.of === verdict) continue;
     const before = cell.className;
     row.dataset.of = cell.textContent = verdict;
     cell.className = "verdict-" + verdict.replace(" ", "-");
