@@ -1,1 +1,1 @@
-"""Shared by all packages: the user error, atomic files, processes, compiled loops, cluster tasks."""
+"""Shared by all packages: the user error, bars, atomic files, processes, compiled loops, cluster tasks."""

@@ -19,6 +19,7 @@ Entity: TypeAlias = ifcopenshell.entity_instance
 Entry = Mapping[str, Any]  # of `elements` and of `unplanned` in elements.json
 Rgb = tuple[float, float, float]
 PROPERTY_SET = "AsBuilt"
+LABELS = {"Status": "verdict", "Progress": "progress", "Tolerance": "tolerance", "LevelOfAccuracy": "loa"}
 COLORS: dict[str, tuple[Rgb, float]] = {  # and transparency; distinct to colour-blind eyes too
     "as planned": ((0.75, 0.82, 0.75), 0.0),
     "moved": ((0.84, 0.37, 0.0), 0.0),
@@ -60,7 +61,7 @@ def project_of(ifc: Path | str) -> str:
 def _properties(model: ifcopenshell.file, of: Entry) -> dict[str, tuple[str, Any]]:
     """Names to IFC types and values."""
     metre, radian = calculate_unit_scale(model), calculate_unit_scale(model, "PLANEANGLEUNIT")
-    entries: dict[str, tuple[str, Any]] = {"Status": ("IfcLabel", of["verdict"])}
+    entries: dict[str, tuple[str, Any]] = {name: ("IfcLabel", of[key]) for name, key in LABELS.items() if of[key]}
     if of["offset_m"] is not None:
         entries["Offset"] = "IfcLengthMeasure", abs(of["offset_m"]) / metre
         for axis, share in zip("XYZ", of["direction"], strict=True):
@@ -69,10 +70,9 @@ def _properties(model: ifcopenshell.file, of: Entry) -> dict[str, tuple[str, Any
         entries["OffsetSigma"] = "IfcLengthMeasure", of["sigma_m"] / metre
     if of["turn_rad"] is not None:
         entries["Turn"] = "IfcPlaneAngleMeasure", of["turn_rad"] / radian
-    if of["loa"] is not None:
-        entries["LevelOfAccuracy"] = "IfcLabel", of["loa"]
     return entries | {
         "Conclusive": ("IfcBoolean", of["conclusive"]),
+        "Coverage": ("IfcNormalisedRatioMeasure", of["coverage"]),
         "ShareSeen": ("IfcNormalisedRatioMeasure", of["seen"]),
         "Views": ("IfcInteger", of["views"]),
         "Reason": ("IfcText", of["reason"]),

@@ -140,7 +140,7 @@ def _of_surface(
         here = offset_along(seen, wall, normal, (float(along.min()), float(along.max())))
         # the wall as a whole need not be straight; where too little of a stretch was seen, it is taken to be
         off = verdict.offset_m * float(np.sign(cosine)) if here is None else here
-        reason = f"{1000 * off:+.0f} mm here; its wall is {verdict.verdict}: {verdict.reason}"
+        reason = f"{1000 * off:+.0f} mm here; its wall: {verdict.reason}"
         yield _deviation("moved", reason, **of_surface, **of_wall, s_id=s_id, offset_m=off)
 
 

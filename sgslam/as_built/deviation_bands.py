@@ -48,7 +48,7 @@ def deviation_text(deviation: Mapping[str, Any]) -> str:
         parts.append(f"sigma {deviation['sigma_m'] * 1000:.1f} mm")
     if deviation.get("tilt_rad") is not None:
         parts.append(f"tilt {degrees(deviation['tilt_rad'])}")
-    return ", ".join([*parts, *(["significant"] if deviation["significant"] else []), *reason])
+    return ", ".join([*parts, *reason])
 
 
 def _signed(value: float, digits: int) -> str:

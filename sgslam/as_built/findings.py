@@ -45,7 +45,9 @@ def remove_topics(out: Path) -> None:
 def _of_element(own: Entry, a_graph: SceneGraph) -> Topic:
     kind, verdict = own["ifc_class"].removeprefix("Ifc").removesuffix("StandardCase"), own["verdict"]
     title = f"{kind} is absent" if verdict == "absent" else f"{kind} is off by {abs(own['offset_m']) * 100:.1f} cm"
-    said = [*([", ".join(own["rooms"])] if own["rooms"] else []), own["reason"]]
+    status = ", ".join(filter(None, (own["progress"], own["tolerance"] and f"tolerance: {own['tolerance']}")))
+    seen = f"{100 * own['coverage']:.0f} % of it seen"
+    said = [*([", ".join(own["rooms"])] if own["rooms"] else []), status, seen, own["reason"]]
     if verdict == "moved":
         turned = "" if own["turn_rad"] is None else f", turned by {np.degrees(own['turn_rad']):.2f} degrees"
         said.append(f"sigma {own['sigma_m'] * 1000:.0f} mm{turned}")

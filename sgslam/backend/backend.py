@@ -14,6 +14,7 @@ import numpy as np
 from gtsam.symbol_shorthand import F, P, X
 from numpy.typing import NDArray
 
+from data.common.bars import steps
 from sgslam.backend.adjustment import Adjustment
 from sgslam.backend.covariances import Uncertainty
 from sgslam.backend.graph_builder import GraphBuilder
@@ -169,7 +170,7 @@ class Backend:
         start.update(BIM, gtsam.Pose3(self.T_map_local))  # where the points were seen from, not where it was before
         given = self.held, self._builder, inputs, start, faces, seen, control, self._config
         adjustment, values = Adjustment(*given), start
-        for _ in range(_REWEIGHTED):
+        for _ in steps(range(_REWEIGHTED), "adjustment"):
             told, graph = adjustment.graphs()
             if failure := self._solve(20, graph, values):
                 _log.warning("the adjustment of %d keyframes failed: %s", len(self.keyframes), failure)

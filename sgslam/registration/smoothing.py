@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
+from data.common.bars import steps
 from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.registration.beliefs import MotionModel
@@ -104,10 +105,12 @@ def smoothed(
         surfels = _map_of(scans, knots_of, motion, is_known).arrays
         for own in seen:
             own.begin(settings.kernel if number else FIRST_OF_KERNEL * settings.kernel)
-        for _ in range(_ITERATIONS):
+        for turn in range(number * _ITERATIONS, (number + 1) * _ITERATIONS):
             with ThreadPoolExecutor() as threads:
                 knots = [motion.knots[own] for own in knots_of]
-                list(threads.map(_Seen.look, seen, scans, knots, repeat(surfels), repeat(weights)))
+                looked = threads.map(_Seen.look, seen, scans, knots, repeat(surfels), repeat(weights))
+                for _ in steps(seen, f"second pass, {turn + 1} of at most {_MAPS * _ITERATIONS}"):
+                    next(looked)
             step = _solved(seen, firsts, motion, prior, weights)
             update_knots(motion.knots, step)
             if np.sqrt(np.mean(step**2)) < CONVERGED:

@@ -26,7 +26,7 @@ class ReportData:
     metrics.json and deviations.json. `scans` tells of the scans of `trajectory_map`; where it is None, all are known.
     `anchors` is the log of all anchors, as in a run's result. `placed` is False for a floor of the map that was not
     placed in the plan. `elements` are the entries of elements.json, its
-    unplanned walls in the same form.
+    unplanned walls in the same form; `tolerance` (m) is that of their verdicts.
     """
 
     a_graph: SceneGraph | None
@@ -42,6 +42,7 @@ class ReportData:
     anchors: Sequence[Mapping[str, Any]] = ()
     placed: bool = True
     elements: Sequence[Mapping[str, Any]] = ()
+    tolerance: float = 0.0
 
     @property
     def known(self) -> Trajectory:

@@ -6,7 +6,7 @@ from importlib.resources import files
 
 from jinja2 import Environment, PackageLoader
 
-from sgslam.report.elements import slug
+from sgslam.report.elements import slug, tolerance_class
 from sgslam.report.number_formats import metres, seconds, thousands
 
 
@@ -22,3 +22,4 @@ def _digest(text: str) -> str:
 TEMPLATES = Environment(loader=PackageLoader("sgslam", ""), autoescape=True, trim_blocks=True, lstrip_blocks=True)
 TEMPLATES.globals["file"] = _file
 TEMPLATES.filters |= {"digest": _digest, "thousands": thousands, "metres": metres, "seconds": seconds, "slug": slug}
+TEMPLATES.filters["tolerance_class"] = tolerance_class

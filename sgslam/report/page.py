@@ -6,7 +6,7 @@ from dataclasses import replace
 from sgslam.as_built.deviation_bands import LIMITS_MM, MINUS, UNPLANNED, band_labels
 from sgslam.report import tables
 from sgslam.report.contents import DRAWN_HYPOTHESES, ReportData, split_by_floor
-from sgslam.report.elements import COLUMNS, VERDICTS, element_rows, verdict_counts
+from sgslam.report.elements import COLUMNS, NUMBERS, VERDICTS, element_rows, tolerance_presets, verdict_counts
 from sgslam.report.error_chart import error_chart, error_lines
 from sgslam.report.html_page import TEMPLATES
 from sgslam.report.plan_drawing import plan_drawing
@@ -46,6 +46,8 @@ def report_html(data: ReportData) -> str:
         about=data.metrics.get("about") or {},
         elements=element_rows(data.elements),
         element_columns=COLUMNS,
+        element_numbers=NUMBERS,
+        presets=tolerance_presets(data.tolerance),
         verdicts=verdicts,
         planned=len(data.elements) - verdicts[UNPLANNED],
     )

@@ -176,7 +176,8 @@ def _mapped_walls(data: ReportData, T_plan_map: Array) -> tuple[list[Mark], list
             title += f"\n{deviation_text(deviation)}"
             band = band_of(deviation["offset_m"])
             looks = [*([f"band-{band}"] if band else []), *(["significant"] if deviation["significant"] else [])]
-        mark = Mark(_placed_xy(w.ends(), T_plan_map), title, looks=tuple(looks))
+        source = "" if deviation is None else deviation["source"]
+        mark = Mark(_placed_xy(w.ends(), T_plan_map), title, looks=tuple(looks), element=source)
         (matched if w.id in pairs else unmatched).append(mark)
     for marks in (matched, unmatched):
         marks.sort(key=lambda mark: "significant" in mark.looks)

@@ -46,21 +46,24 @@ def write_plan_png(data: ReportData, path: Path | str) -> None:
     width, height = np.maximum(high - low + 2 * margin, 1.0)
     scale = 12.0 / max(width, height)  # inches per metre
     wide, tall = max(width * scale + 1, 6.0), max(height * scale, 4.0)
-    figure = Figure(figsize=(wide, len(drawings) * tall), layout="constrained")
+    columns = max(round((len(drawings) * tall / wide) ** 0.5), 1)  # many storeys make about a square
+    rows = -(-len(drawings) // columns)
+    figure = Figure(figsize=(columns * wide, rows * tall), layout="constrained")
     FigureCanvasAgg(figure)
     frame = "BIM" if data.a_graph is not None else "map"
     known: dict[str, Any] = {}  # legend entries by label
     for k, drawing in enumerate(drawings):
-        axes = figure.add_subplot(len(drawings), 1, k + 1)
+        axes = figure.add_subplot(rows, columns, k + 1)
         draw_plan(axes, drawing)
         draw_names(axes, drawing, points_per_metre=72 * scale)
         axes.set_xlim(low[0] - margin, high[0] + margin)
         axes.set_ylim(low[1] - margin, high[1] + margin)
         _axes(axes, drawing.heading, frame)
         known |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
-    below = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0)}
-    columns = int(min(wide // 3, 4))  # as many as fit side by side
-    figure.legend([*known.values()], [*known], ncols=columns, fontsize=9, frameon=False, **below)
+    below = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0)}  # as many columns as fit side by side
+    figure.legend(
+        [*known.values()], [*known], ncols=int(min(columns * wide // 3, 4)), fontsize=9, frameon=False, **below
+    )
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=150, bbox_inches="tight", pad_inches=0.15)
     write_atomically(path, buffer.getvalue())

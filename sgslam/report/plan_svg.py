@@ -58,7 +58,7 @@ def plan_svg(drawing: PlanDrawing, attributes: str = 'class="plan"') -> str:
     return (
         f'<svg {attributes} role="img" aria-label="{escape(drawing.heading)}"'
         f' viewBox="{left:.3f} {top:.3f} {width:.3f} {height:.3f}">\n{body}\n'
-        f'<g class="scale"><polyline points="{x:.3f},{y:.3f} {x + length:.3f},{y:.3f}"/>'
-        f'<text x="{x + length + size / 2:.3f}" y="{y:.3f}" dy="0.35em" font-size="{size:.2f}">{length} m</text></g>'
+        f'<g class="scale" font-size="{size:.2f}"><polyline points="{x:.3f},{y:.3f} {x + length:.3f},{y:.3f}"/>'
+        f'<text x="{x + length + size / 2:.3f}" y="{y:.3f}" dy="0.35em">{length} m</text></g>'
         "\n</svg>"
     )

@@ -60,7 +60,7 @@ class RunFolder:
     @cached_property
     def elements(self) -> list[dict[str, Any]]:
         """The entries of elements.json; empty where the run has none. Raises UserError for a damaged file."""
-        return self._entries("elements", "outline")
+        return self._entries("elements", "progress")
 
     @cached_property
     def unplanned(self) -> list[dict[str, Any]]:

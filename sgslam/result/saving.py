@@ -155,6 +155,7 @@ def _write_report(
         scans=result.uncertainty,
         anchors=result.anchors,
         elements=elements,
+        tolerance=result.config.as_built.tolerance,
     )
     write_atomically(out / "report.html", report_html(data))
     write_plan_png(data, out / "plan.png")

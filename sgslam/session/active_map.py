@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from data.common.bars import steps
 from data.control import ControlPoint
 from sgslam.anchoring import BuildingAnchoring
 from sgslam.backend import Backend
@@ -233,7 +234,8 @@ class ActiveMap:
         with self.stopwatch("adjustment"):
             T_plan_sensor = self.T_bim_map @ self.backend.poses
             faces = faces_of(self.anchoring.a_graph)
-            seen = wall_points(faces, ((T, self.clouds[k]) for k, T in enumerate(T_plan_sensor)))
+            clouds = ((T, self.clouds[k]) for k, T in enumerate(steps(T_plan_sensor, "points on walls")))
+            seen = wall_points(faces, clouds)
             in_local, origin = replace(seen, place=seen.place - self.anchoring.origin[:2]), self.anchoring.origin
             sights = control_sights(control, self.scans, self._config.odometry.sigma_translation)
             sights_in_local = [replace(own, place=own.place - origin) for own in sights]

@@ -35,7 +35,7 @@ def report_data(run: RunFolder) -> ReportData:
     return ReportData(
         run.a_graph, run.s_graph, in_map, odometry, None, run.T_bim_map, run.matches, run.metrics, run.deviations,
         ScanUncertainty(stamps, sigma, table["part"], none, table["probability"], table["anchored"], table["health"]),
-        elements=[*run.elements, *map(shown_as_element, run.unplanned)],
+        elements=[*run.elements, *map(shown_as_element, run.unplanned)], tolerance=run.config.as_built.tolerance,
     )  # fmt: skip
 
 
@@ -96,7 +96,8 @@ def verdict(global_id: str, told: Verdict, offset: float | None = None, **more: 
     if offset is not None:
         fields |= {"direction": (0.0, 1.0, 0.0), "sigma_m": 0.005, "loa": "LOA30"}
     fields |= {"offset_m": offset, "ifc_class": "IfcWall", "storey": "Ground", "rooms": ("Hall",), "verdict": told}
-    fields |= {"conclusive": told != "uncertain", "seen": 0.85, "views": 7, "reason": "because"}
+    fields |= {"conclusive": told != "uncertain", "seen": 0.85, "views": 7, "reason": "because", "coverage": 0.4}
+    fields |= {"progress": "installed" if offset is not None else "not enough data", "tolerance": None}
     fields["outline"] = ((0.0, 0.0), (2.0, 0.0), (2.0, 0.2), (0.0, 0.2))
     return ElementVerdict(global_id, f"Wall {global_id}", **(fields | more))
 

@@ -1,7 +1,7 @@
 """Where a column stands: its shift in plan view, by the rays that meet its body or pass its place."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,8 @@ from sgslam.as_built.elements.likelihoods import (
     Finding,
     Limits,
     bell,
+    judged,
     pose_noise,
-    verdict_on_offset,
 )
 from sgslam.as_built.elements.rays import Rays, SeenRays, View
 from sgslam.config.sensor import BUILDING, SENSOR
@@ -142,45 +142,46 @@ def column_finding(index: int, solids: list[PlannedElement], seen: SeenRays, lim
         return Finding("not seen", reason, seen=share, views=count)
     absent = near.absent()
     if absent - stands > SURE and through.sum() >= LEAST_CELLS:
-        return Finding("absent", "seen through its place", conclusive=True, seen=share, views=count)
+        return Finding("absent", "seen through its place", seen=share, views=count)
     if stands - absent < SURE or at.sum() < _LEAST_HITS:
         return Finding("uncertain" if through.any() else "not seen", "mostly hidden", seen=share, views=count)
     corners = solids[index].triangles.reshape(-1, 3)[:, :2]
     outline = np.array([corners.min(axis=0), corners.max(axis=0)])
-    found = _standing(near, outline, shift, spread, at, views, limits, share)
-    if found.verdict == "moved" and np.sum(aimed & (at | told_by)) < _EXPLAINED * aimed.sum():
-        why = f"{found.reason}; but something else hides its place"
-        found = replace(found, verdict="uncertain", conclusive=False, reason=why)
+    doubt = ""
+    if _may_be_before(near, outline + shift[:2], at):
+        doubt = "wider than planned and seen from one side only: it may be furniture"
+    elif np.sum(aimed & (at | told_by)) < _EXPLAINED * aimed.sum():
+        doubt = "but something else hides its place"
+    found = _standing(near, shift, spread, at, views, limits, share, doubt)
     hidden = found.verdict == "uncertain" and told_by.sum() < _LEAST_HITS
     return Finding("not seen", "something in front of it hides it", seen=share, views=count) if hidden else found
 
 
 def _standing(
     near: Passing,
-    outline: Floats,
     shift: Floats,
     spread: Floats,
     at: NDArray[np.bool_],
     views: Sequence[View],
     limits: Limits,
     share: float,
+    doubt: str,
 ) -> Finding:
-    """The finding on a column of this planned `outline` (2, 2) that stands at this shift, with its covariance `spread`
-    (2, 2)."""
+    """The finding on a column that stands at this shift, with its covariance `spread` (2, 2); `doubt` is why it may be
+    something else that does."""
     seen_by = np.unique(near.rays.view[at])
     distance = float(np.linalg.norm(shift))
     direction = shift / distance if distance > 0 else np.array([1.0, 0.0, 0.0])
     own = float(np.sqrt(direction[:2] @ spread @ direction[:2]))
     poses = pose_noise([views[int(k)] for k in seen_by], direction)
     sigma = float(np.linalg.norm([own, limits.shared, poses.position]))
-    # noise makes a vector longer, never shorter
-    verdict, sure = verdict_on_offset(float(np.sqrt(max(distance**2 - sigma**2, 0.0))), sigma, limits.tolerance)
+    distance = float(np.sqrt(max(distance**2 - sigma**2, 0.0)))  # noise makes a vector longer, never shorter
+    verdict, kept = judged(distance, sigma, bool(doubt), limits.tolerance)
     reason = f"it stands {1000 * distance:.0f} mm off in plan view, by {int(at.sum())} rays"
-    if verdict == "moved" and _may_be_before(near, outline + shift[:2], at):
-        verdict, sure = "uncertain", False
-        reason = f"{reason}; wider than planned and seen from one side only: it may be furniture"
+    if doubt and verdict == "uncertain":
+        reason = f"{reason}; {doubt}"
     n = (float(direction[0]), float(direction[1]), 0.0)
-    return Finding(verdict, reason, distance, n, sigma, None, sure, share, len(seen_by))
+    return Finding(verdict, reason, distance, n, sigma, None, kept, share, len(seen_by), bool(doubt))
 
 
 def _may_be_before(near: Passing, outline: Floats, at: NDArray[np.bool_]) -> bool:

@@ -7,8 +7,8 @@ import shapely
 
 from data.plans.bodies import PlannedElement
 from data.scene_graph import Room, SceneGraph, Xy
-from sgslam.as_built.elements.likelihoods import Finding, Verdict
-from sgslam.as_built.elements.tolerance_classes import Compliance, angle_compliance, angle_limit, loa_class
+from sgslam.as_built.elements.likelihoods import Finding, Progress, Verdict
+from sgslam.as_built.elements.tolerance_classes import Compliance, angle_limit, compliance, loa_class
 from sgslam.config.sensor import BUILDING
 
 
@@ -17,13 +17,15 @@ class ElementVerdict:
     """One entry of elements.json.
 
     `offset_m` is along `direction` (x, y, z), a unit vector in the BIM frame, with standard deviation `sigma_m`; all
-    None where nothing was measured. `loa` is the USIBD level of accuracy of that measurement, `conclusive` whether it
-    is good enough to tell the offset from the tolerance. `turn_rad` is a wall's turn about the vertical,
-    counter-clockwise from above, `turn_sigma_rad` its standard deviation, `din_18202_limit_m` the limit of DIN 18202
-    for the deviation that the turn makes over the wall's length, `din_18202` whether it is kept; None for other
-    elements. `seen` is the share of the cells of its visible surface at which it stands or that are seen through;
-    `views` the number of keyframes. `outline` are the corners of the rectangle around it in plan view (BIM frame,
-    metres). `grid` names the plan's grid lines at which it stands, such as B/3; empty without any.
+    None where nothing was measured. `progress` is whether it is there, `tolerance` whether the offset is within the
+    tolerance, by two sigma; `doubt`: if it is not, what was measured may be something else. `conclusive` is whether the
+    element is absent, or `tolerance` decided; `loa` the USIBD level of accuracy of the measurement. `turn_rad` is a
+    wall's turn about the vertical, counter-clockwise from above, `turn_sigma_rad` its standard deviation,
+    `din_18202_limit_m` the limit of DIN 18202 for the deviation that the turn makes over the wall's length, `din_18202`
+    whether it is kept; None for other elements. `seen` is the share of the cells of its visible surface at which it
+    stands or that are seen through, `coverage` that of the whole face, of the better seen one of its sides; `views` the
+    number of keyframes. `outline` are the corners of the rectangle around it in plan view (BIM frame, metres). `grid`
+    names the plan's grid lines at which it stands, such as B/3; empty without any.
     """
 
     global_id: str
@@ -32,6 +34,8 @@ class ElementVerdict:
     storey: str
     rooms: tuple[str, ...]
     verdict: Verdict
+    progress: Progress
+    tolerance: Compliance | None
     offset_m: float | None
     direction: tuple[float, float, float] | None
     sigma_m: float | None
@@ -45,6 +49,8 @@ class ElementVerdict:
     views: int
     reason: str
     outline: tuple[Xy, ...]
+    coverage: float
+    doubt: bool = False
     grid: str = ""
 
 
@@ -73,9 +79,10 @@ def entry(element: PlannedElement, f: Finding, plan: PlannedRooms) -> ElementVer
     if turn is not None and f.direction is not None:
         length = _length(element, f.direction)
         limit = angle_limit(length)
-        kept = angle_compliance(turn.angle * length, turn.sigma * length, limit)
+        kept = compliance(turn.angle * length, turn.sigma * length, limit)
     of_element = {name: getattr(element, name) for name in ("global_id", "name", "ifc_class", "storey", "grid")}
-    of_finding = {name: getattr(f, name) for name in ("verdict", "direction", "conclusive", "views", "reason")}
+    as_found = ("verdict", "progress", "tolerance", "direction", "views", "reason", "doubt")
+    of_finding = {name: getattr(f, name) for name in as_found}
     return ElementVerdict(
         **of_element,
         **of_finding,
@@ -87,7 +94,9 @@ def entry(element: PlannedElement, f: Finding, plan: PlannedRooms) -> ElementVer
         turn_sigma_rad=None if turn is None else turn.sigma,
         din_18202_limit_m=limit,
         din_18202=kept,
+        conclusive=f.verdict == "absent" or f.tolerance in ("within", "outside"),
         seen=round(f.seen, 3),
+        coverage=round(f.coverage, 3),
         outline=_corners(envelope),
     )
 

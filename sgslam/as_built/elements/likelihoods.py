@@ -6,20 +6,19 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from sgslam.as_built.elements.rays import CELL, NORMAL_STEPS, View
-from sgslam.as_built.elements.tolerance_classes import SURE_SIGMAS
+from sgslam.as_built.elements.tolerance_classes import Compliance, compliance
 from sgslam.config.sensor import CARRIER, SENSOR
 
 Floats = NDArray[np.float64]
 UPRIGHT = 1 / NORMAL_STEPS  # of a unit normal, its largest component along z
 _LEAST_SPAN = 1.0  # m along a surface, below which a turn says nothing of it
 Verdict = Literal["as planned", "moved", "absent", "not seen", "uncertain"]
+Progress = Literal["installed", "not found", "not enough data", "occluded", "no data"]
 LEAST_VIEWS, LEAST_CELLS = 3, 6  # keyframes, and cells of 0.25 m, that say anything of an element
 BEFORE, THROUGH, SPREAD = 0.2, 0.03, 0.05  # of the sightings of a surface: things before it, gaps in it, outliers
 DEPTH = 5.0  # m over which what is met elsewhere than at a surface is spread
-UNDECIDED = 0.16  # probability of the unlikelier of two verdicts, one standard deviation from the limit
 SURE = float(np.log(100.0))  # log-likelihood of the evidence by which one hypothesis must lead
 
 
@@ -103,15 +102,17 @@ def pose_noise(views: Sequence[View], direction: Floats) -> PoseNoise:
     return PoseNoise(position, heading, len(views))
 
 
-def verdict_on_offset(distance: float, sigma: float, tolerance: float) -> tuple[Verdict, bool]:
-    """The verdict on an offset (m) with its standard deviation, and whether it is sure.
+def judged(offset: float, sigma: float, doubt: bool, tolerance: float) -> tuple[Verdict, Compliance]:
+    """The verdict on an offset (m) with its standard deviation, and whether it is within the tolerance.
 
-    The likelier one; none where the measurement is coarser than the tolerance, unless one is by far likelier.
+    The likelier verdict; none where the measurement is coarser than the tolerance, unless the offset exceeds it by one
+    standard deviation, and none on an offset beyond it where there is `doubt` that the element is what was measured.
+    The report has the same rule, as `judged` in report_tolerance.js.
     """
-    off = float(ndtr((distance - tolerance) / sigma) + ndtr((-distance - tolerance) / sigma))
-    if sigma > tolerance and UNDECIDED < off < 1 - UNDECIDED:
-        return "uncertain", False
-    return ("as planned" if distance <= tolerance else "moved"), abs(distance - tolerance) > SURE_SIGMAS * sigma
+    outside = abs(offset) > tolerance
+    if (doubt and outside) or (sigma > tolerance and abs(offset) < tolerance + sigma):
+        return "uncertain", "not conclusive"
+    return ("moved" if outside else "as planned"), compliance(offset, sigma, tolerance)
 
 
 def too_little(cells: int, views: int) -> str:
@@ -122,7 +123,8 @@ def too_little(cells: int, views: int) -> str:
 
 @dataclass(frozen=True)
 class Finding:
-    """What the sightings of an element say; the fields as in `ElementVerdict`."""
+    """What the sightings of an element say; the fields as in `ElementVerdict`. `progress` and `coverage` are known once
+    those of all elements are."""
 
     verdict: Verdict
     reason: str
@@ -130,6 +132,9 @@ class Finding:
     direction: tuple[float, float, float] | None = None
     sigma: float | None = None
     turn: Turn | None = None
-    conclusive: bool = False
+    tolerance: Compliance | None = None
     seen: float = 0.0
     views: int = 0
+    doubt: bool = False
+    progress: Progress = "no data"
+    coverage: float = 0.0

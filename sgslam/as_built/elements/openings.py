@@ -24,9 +24,9 @@ from sgslam.as_built.elements.likelihoods import (
     Limits,
     bell,
     densest,
+    judged,
     pose_noise,
     too_little,
-    verdict_on_offset,
 )
 from sgslam.as_built.elements.rays import CELL, SeenRays
 from sgslam.config.sensor import BUILDING, SENSOR
@@ -147,10 +147,10 @@ def opening_finding(
     if count < LEAST_VIEWS or cells < LEAST_CELLS:
         return Finding("not seen", too_little(cells, count), seen=share, views=count)
     if built.verdict == "absent":
-        return Finding("absent", "its wall is absent", conclusive=True, seen=share, views=count)
+        return Finding("absent", "its wall is absent", seen=share, views=count)
     fit = _fit(sides, reveal)
     if fit.filled - fit.there > SURE:
-        return Finding("absent", "its wall continues in its place", conclusive=True, seen=share, views=count)
+        return Finding("absent", "its wall continues in its place", seen=share, views=count)
     if fit.there - fit.filled < SURE:
         why = "closed at the wall's face, by a leaf, a pane or the wall"
         return Finding("uncertain", why, seen=share, views=count)
@@ -161,14 +161,13 @@ def opening_finding(
         return Finding("as planned", f"{state}; its edges are not seen", seen=share, views=count)
     poses = pose_noise([views[int(k)] for k in seen_by], reveal.along)
     sigma = float(np.linalg.norm([fit.sigma, limits.shared, poses.position]))
-    verdict, sure = verdict_on_offset(abs(fit.along), sigma, limits.tolerance)
+    doubt = fit.left < SURE  # a leaf, a frame or a curtain narrows an opening, but does not widen it
+    verdict, kept = judged(fit.along, sigma, doubt, limits.tolerance)
     reason = f"its edges are at {1000 * fit.along:+.0f} mm along the wall; {state}"
-    if verdict == "uncertain":
-        reason = f"{reason}; a sigma of {1000 * sigma:.0f} mm is too large for the tolerance"
-    if verdict == "moved" and fit.left < SURE:  # a leaf, a frame or a curtain narrows an opening, but does not widen it
-        verdict, reason, sure = "uncertain", f"{reason}; only one edge, which may be that of a leaf", False
+    if doubt and abs(fit.along) > limits.tolerance:
+        reason = f"{reason}; only one edge, which may be that of a leaf"
     direction = (float(reveal.along[0]), float(reveal.along[1]), 0.0)
-    return Finding(verdict, reason, fit.along, direction, sigma, None, sure, share, count)
+    return Finding(verdict, reason, fit.along, direction, sigma, None, kept, share, count, doubt)
 
 
 def _shift(built: Finding, reveal: Reveal) -> float | None:

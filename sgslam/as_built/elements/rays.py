@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from data.common.bars import steps
 from data.geometry.raycast import TriangleScene
 from data.plans.bodies import PlannedElement
 from sgslam.config.sensor import BUILDING, SENSOR
@@ -75,7 +76,7 @@ class SeenRays:
         self.normal = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
         self._sensors = np.array([view.sensor for view in views]).reshape(-1, 3)
         scene = TriangleScene(triangles) if len(triangles) else None
-        self._met = [_met(view, scene) for view in views]
+        self._met = [_met(view, scene) for view in steps(views, "rays in the plan")]
         self._seen_by: dict[int, list[int]] = {}
         for k, (_, faces) in enumerate(self._met):
             for solid in np.unique(self.owner[np.unique(faces[faces >= 0])]).tolist():
@@ -129,6 +130,20 @@ def _met(view: View, scene: TriangleScene | None) -> tuple[NDArray[np.float32], 
         return np.full(len(view.points), np.inf, np.float32), np.full(len(view.points), -1, np.int32)
     planned, face = scene.faces(view.sensor, view.rays()[0])
     return planned.astype(np.float32), face.astype(np.int32)
+
+
+def towards(seen: SeenRays, bodies: Sequence[Floats]) -> Ints:
+    """(B, 2) how many rays go towards each of some bodies (M, 3, 3) and reach it, and how many end before it; a ray
+    counts for the nearest of the bodies."""
+    counts = np.zeros((len(bodies), 2), np.int64)
+    scene = TriangleScene(np.concatenate(bodies)) if bodies else None
+    owner = np.repeat(np.arange(len(bodies)), [len(body) for body in bodies])
+    for view in seen.views:
+        away, face = _met(view, scene)
+        near = (face >= 0) & (away < SENSOR.furthest)
+        is_hidden = view.rays()[1] < away - SENSOR.apart
+        np.add.at(counts, (owner[face[near]], is_hidden[near].astype(np.int64)), 1)
+    return counts
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from typing import Literal
 
 from data.common.errors import UserError
 
-Compliance = Literal["kept", "exceeded", "uncertain"]
+Compliance = Literal["within", "outside", "not conclusive"]
 SURE_SIGMAS = 2.0  # as the guard band of JCGM 106: 95 % coverage
 # m, upper limits of the levels of the U.S. Institute of Building Documentation's specification (LOA 3.0), which holds
 # at 95 % confidence
@@ -21,6 +21,8 @@ _ANGLE_LIMITS = (
     (30.0, 0.020),
     (math.inf, 0.030),
 )
+# m, by class, of DIN 18202, table 1: dimensions in plan and heights, both of 3 to 6 m; openings of 1 to 3 m
+DIN_18202 = {"wall": 0.016, "slab": 0.016, "opening": 0.012}
 _UNITS = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
 _SMALLEST, _LARGEST = 0.001, 0.2  # m: below the first nothing is measured, above the second walls are other walls
 
@@ -54,9 +56,9 @@ def angle_limit(length_m: float) -> float:
     return next(limit for longest, limit in _ANGLE_LIMITS if length_m <= longest)
 
 
-def angle_compliance(deviation_m: float, sigma_m: float, limit_m: float) -> Compliance:
-    """Whether a deviation keeps the limit, where two standard deviations tell it from the limit."""
+def compliance(deviation_m: float, sigma_m: float, limit_m: float) -> Compliance:
+    """Whether a deviation is within the limit, where two standard deviations tell it from the limit."""
     margin = limit_m - abs(deviation_m)
     if abs(margin) <= SURE_SIGMAS * sigma_m:
-        return "uncertain"
-    return "kept" if margin > 0 else "exceeded"
+        return "not conclusive"
+    return "within" if margin > 0 else "outside"

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from data.common.bars import steps
 from data.plans.bodies import PlannedElement
 from sgslam.as_built.elements.columns import column_finding, is_column
 from sgslam.as_built.elements.likelihoods import (
@@ -18,13 +19,14 @@ from sgslam.as_built.elements.likelihoods import (
     Finding,
     Limits,
     bell,
+    judged,
     pose_noise,
     too_little,
     turn_of,
-    verdict_on_offset,
 )
 from sgslam.as_built.elements.openings import opening_finding
-from sgslam.as_built.elements.rays import CELL, NORMAL_STEPS, SeenRays, Sightings, View
+from sgslam.as_built.elements.rays import CELL, SeenRays, Sightings, View
+from sgslam.as_built.elements.statuses import main_axis, with_progress
 from sgslam.config.sensor import BUILDING, SENSOR
 
 Floats = NDArray[np.float64]
@@ -37,26 +39,25 @@ def element_findings(
     """What was found of each element, in their order, by `rays` that were compared with those that are solid, and what
     they have `seen` of these.
 
-    An element is moved or as planned by its likeliest offset, and `conclusive` where two sigma do not reach the
-    tolerance; where one sigma is larger than the tolerance, the measurement does not tell.
+    An element is moved or as planned by its likeliest offset (`judged`).
     """
     solids = [element for element in elements if element.kind == "solid"]
     order = np.argsort(seen.element, kind="stable")
     ends = np.searchsorted(seen.element[order], np.arange(len(solids) + 1))
     found: dict[str, Finding] = {}
-    for k, element in enumerate(solids):
+    for k, element in enumerate(steps(solids, "elements")):
         if is_column(element):
             found[element.global_id] = column_finding(k, solids, rays, limits)
         else:
             found[element.global_id] = _solid(element, seen, order[ends[k] : ends[k + 1]], rays.views, limits)
     index = {element.global_id: k for k, element in enumerate(solids)}
-    for opening in (element for element in elements if element.kind == "opening"):
+    for opening in steps([element for element in elements if element.kind == "opening"], "doors and windows"):
         host = index.get(opening.wall)
         if host is None:
             found[opening.global_id] = Finding("not seen", "the plan has no wall around it")
             continue
         found[opening.global_id] = opening_finding(opening, solids, host, found[opening.wall], rays, limits)
-    return [found[element.global_id] for element in elements]
+    return with_progress(elements, [found[element.global_id] for element in elements], rays, seen)
 
 
 def _solid(
@@ -66,7 +67,7 @@ def _solid(
 
     Rays pass through panes that the plan does not show, all that meet one of them together.
     """
-    glazed, direction = element.pane > 0, _main_axis(element.triangles)
+    glazed, direction = element.pane > 0, main_axis(element.triangles)
     mine = mine[np.abs(seen.normal[mine] @ direction) > BUILDING.parallel]
     count = len(np.unique(seen.view[mine]))
     cells = len(np.unique(seen.cell[mine], axis=0))
@@ -85,7 +86,7 @@ def _solid(
     share = float(np.sum(weight * (at | through)) / np.sum(weight))
     enough = 0.5 * LEAST_CELLS
     if absent - stands > SURE and np.sum(weight * through) >= enough:  # not only behind it by centimetres: an edge
-        return Finding("absent", "seen through its place", conclusive=True, seen=share, views=count)
+        return Finding("absent", "seen through its place", seen=share, views=count)
     if stands - absent < SURE or np.sum(weight * at) < enough:
         if glazed and np.sum(weight * through) >= np.sum(weight * at):
             return Finding("uncertain", "seen through: it is absent, elsewhere, or of glass", seen=share, views=count)
@@ -98,17 +99,18 @@ def _solid(
     d = float(np.median((sign * offset)[at]))
     n = (float(direction[0]), float(direction[1]), float(direction[2]))
     sides = np.unique(sign[at])
-    verdict, sure = verdict_on_offset(abs(d), sigma, limits.tolerance)
+    is_seen_through = bool(np.sum(weight * through) > np.sum(weight * at))
+    doubt = "most of what was seen is in front of it" if share < _LEAST_SHARE else ""
+    doubt = "most of it is seen through" if is_seen_through else doubt
+    if abs(d) > SENSOR.apart / 2 and sides.size == 1 and sides[0] * d > 0:
+        doubt = "in front of it on one side only: it may be furniture"
+    verdict, kept = judged(d, sigma, bool(doubt), limits.tolerance)
+    if is_seen_through and not glazed:
+        verdict, kept = "uncertain", "not conclusive"
     reason = f"its surface is at {1000 * d:+.0f} mm, as measured {int(at.sum()):,} times"
-    if verdict == "uncertain":
-        reason = f"{reason}; a sigma of {1000 * sigma:.0f} mm is too large for the tolerance"
-    if verdict == "moved" and abs(d) > SENSOR.apart / 2 and sides.size == 1 and sides[0] * d > 0:
-        verdict, reason, sure = "uncertain", f"{reason}; in front of it on one side only: it may be furniture", False
-    if (verdict == "moved" or not glazed) and np.sum(weight * through) > np.sum(weight * at):
-        verdict, reason, sure = "uncertain", f"{reason}; most of it is seen through", False
-    if verdict == "moved" and share < _LEAST_SHARE:
-        verdict, reason, sure = "uncertain", f"{reason}; most of what was seen is in front of it", False
-    return Finding(verdict, reason, d, n, sigma, turn, sure, share, count)
+    if doubt and verdict == "uncertain":
+        reason = f"{reason}; {doubt}"
+    return Finding(verdict, reason, d, n, sigma, turn, kept, share, count, bool(doubt))
 
 
 def offset_along(seen: Sightings, solid: int, normal: Floats, span: tuple[float, float]) -> float | None:
@@ -124,17 +126,6 @@ def offset_along(seen: Sightings, solid: int, normal: Floats, span: tuple[float,
     d = _mode(offset, 1 / counts[cell.ravel()])
     near = np.abs(offset - d) < 3 * SENSOR.range_noise
     return float(np.median(offset[near])) if near.any() else None
-
-
-def _main_axis(triangles: Floats) -> Floats:
-    """(3,) the unit normal of most of a body's surface: of a wall's two sides, not of its ends and jambs."""
-    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2
-    area = np.linalg.norm(normal, axis=1)
-    axis = normal[area > 0] / area[area > 0, None]
-    leading = np.abs(axis[:, 0]) > 1 / NORMAL_STEPS, np.abs(axis[:, 1]) > 1 / NORMAL_STEPS
-    axis *= np.sign(np.select(leading, (axis[:, 0], axis[:, 1]), axis[:, 2]))[:, None]
-    _, first, group = np.unique(np.rint(NORMAL_STEPS * axis), axis=0, return_index=True, return_inverse=True)
-    return np.asarray(axis[first[np.argmax(np.bincount(group.ravel(), area[area > 0]))]])
 
 
 def _mode(shift: Floats, weight: Floats) -> float:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from data.common.bars import bars
 from data.common.cli import log_to
 from data.common.errors import UserError
 from data.trajectory import Trajectory
@@ -115,9 +116,10 @@ class Run:
             _log.warning("%s: skipped, %s", skipped.name, skipped.reason)
         for remark in scans.remarks:
             _log.warning("%s", remark)
-        result = self._result(is_last=stopped is not None or options.single_pass or not scans.is_dense)
-        numbers = self._numbers(result, stopped, cpu_elsewhere)
-        metrics = save_result(result, out, truth=self._building.truth, more={**numbers, **(measured or {})})
+        with bars():
+            result = self._result(is_last=stopped is not None or options.single_pass or not scans.is_dense)
+            numbers = self._numbers(result, stopped, cpu_elsewhere)
+            metrics = save_result(result, out, truth=self._building.truth, more={**numbers, **(measured or {})})
         _log.info("%s: %s", badge(metrics), result.reason)
         if stopped is not None:
             hint = f"; {_hint(out)}" if stopped.startswith("interrupted") else ""
@@ -236,12 +238,9 @@ def run_scans(
     `save` writes the run's state. `on_scan` are called after each scan, where this process builds the map. Raises
     UserError if not even one scan could be added, and KeyboardInterrupt at the second interrupt.
     """
-    from rich.console import Console
-    from rich.progress import Progress as Bar
-
     gc.freeze()  # what is loaded stays: the garbage collector need not scan it
-    console, scans, odometry = Console(stderr=True), inputs.scans, inputs.odometry
-    with Interruption() as interruption, Bar(console=console, disable=not console.is_terminal, transient=True) as bar:
+    scans, odometry = inputs.scans, inputs.odometry
+    with Interruption() as interruption, bars() as bar:
         task = bar.add_task("scans", total=len(scans))
         waiting = saved = perf_counter()
         try:

@@ -15,7 +15,7 @@ from data.plans.bodies import PANE, PlannedElement
 from sgslam.as_built.elements import ElementVerdict
 from sgslam.as_built.elements.files import PICTURES, picture_of, write_elements
 from sgslam.as_built.elements.rays import View
-from sgslam.as_built.elements.tolerance_classes import angle_compliance, angle_limit, loa_class, parse_length
+from sgslam.as_built.elements.tolerance_classes import angle_limit, compliance, loa_class, parse_length
 
 WALL = box((3.0, -3.0, 0.0), (3.2, 3.0, 2.6))
 QUARTER = box((3.0, -3.0, 0.0), (3.2, -1.5, 2.6))  # of it stands
@@ -114,6 +114,49 @@ def test_of_what_is_mostly_hidden_a_small_part_does_not_say_that_it_is_moved(hal
     assert wall(views_of(WALL + np.array([-0.03, 0.0, 0.0]), screen, FAR)).verdict == told
 
 
+@pytest.mark.parametrize(
+    ("built", "count", "place", "progress", "tolerance"),
+    [
+        ([WALL], 6, 0.0, "installed", "within"),
+        ([WALL + np.array([-0.03, 0.0, 0.0])], 6, 0.0, "installed", "outside"),
+        ([], 6, 0.0, "not found", None),
+        ([WALL], 2, 0.0, "not enough data", None),
+        ([box((1.0, -3.0, 0.0), (1.1, 3.0, 2.6))], 6, 0.0, "occluded", None),  # by what is not planned
+        ([WALL], 6, 3.5, "occluded", None),  # by what is planned before it
+        ([WALL], 6, -6.0, "no data", None),  # behind the sensor
+        ([WALL], 6, 12.0, "no data", None),  # too far away
+    ],
+)
+def test_progress_is_why_an_element_is_not_known_to_be_there(
+    built: list[Floats], count: int, place: float, progress: str, tolerance: str | None
+) -> None:
+    own = replace(ELEMENTS[0], global_id="own", triangles=WALL + np.array([place, 0.0, 0.0]))
+    found = assessed([own, *(ELEMENTS[:1] if place > 0 else [])], views_of(*built, FAR, count=count)).elements[0]
+    assert (found.progress, found.tolerance) == (progress, tolerance)
+    assert found.conclusive == (progress in ("installed", "not found"))
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.2])
+def test_coverage_is_of_the_face_and_seen_of_what_was_in_view(shift: float) -> None:
+    """The rays meet z of 0.3 to 2.4 m, of 2.6, all along a wall of 6 m; or in half of the directions."""
+    views = views_of(WALL + np.array([shift, 0.0, 0.0]), FAR)
+    halves = [replace(view, points=view.points[view.points[:, 1] > -view.sensor[1]]) for view in views]
+    for seen, share in ((views, 2.25 / 2.6), (halves, 2.25 / 2.6 / 2)):
+        found = wall(seen)
+        assert found.coverage == pytest.approx(share, abs=0.04) and found.seen > 0.95
+    screen = box((2.0, 0.0, 0.0), (2.1, 3.0, 2.6))
+    hidden = wall(views_of(WALL, screen, FAR))
+    assert hidden.seen < 0.8 and hidden.coverage == pytest.approx(0.5 * 2.25 / 2.6, abs=0.1)
+
+
+def test_doubt_about_what_was_measured_leaves_an_element_out_of_any_tolerance() -> None:
+    screen = box((1.0, -3.0, 0.0), (1.1, 0.8, 2.6))
+    found = wall(views_of(WALL + np.array([-0.03, 0.0, 0.0]), screen, FAR))
+    assert (found.verdict, found.doubt, found.progress, found.tolerance) == (
+        "uncertain", True, "occluded", "not conclusive",
+    )  # fmt: skip
+
+
 def test_the_files_have_a_row_for_each_element(tmp_path: Path) -> None:
     verdicts = list(judged(views_of(WALL, FAR)).values())
     verdicts[0] = replace(verdicts[0], name="=1+1")
@@ -127,6 +170,9 @@ def test_the_files_have_a_row_for_each_element(tmp_path: Path) -> None:
     told = json.loads((tmp_path / "elements.json").read_text())
     assert told["counts"]["not seen"] == 1
     assert sorted(map(tuple, told["elements"][0]["outline"])) == [(3.0, -3.0), (3.0, 3.0), (3.2, -3.0), (3.2, 3.0)]
+    columns = ("progress", "tolerance", "coverage")
+    assert [rows[0][name] for name in columns] == [str(told["elements"][0][name]) for name in columns]
+    assert rows[0]["progress"] == "installed" and rows[2]["tolerance"] == ""
     assert rows[0]["LOA"] == told["elements"][0]["loa"] == "LOA30" and rows[0]["DIN 18202 limit (m)"] == "0.012"
     openpyxl = pytest.importorskip("openpyxl", reason="the extra [office] is not installed")
     sheet = openpyxl.load_workbook(tmp_path / "elements.xlsx").active
@@ -147,8 +193,8 @@ def test_limits_of_the_classes_are_those_of_their_standards() -> None:
     assert [loa_class(sigma)[-2:] for sigma in sigmas] == ["50", "40", "30", "30", "20", "10"]
     lengths, limits = (0.4, 1.0, 2.9, 4.0, 15.0, 30.0, 31.0), [0.003, 0.006, 0.008, 0.012, 0.016, 0.020, 0.030]
     assert [angle_limit(metres) for metres in lengths] == limits
-    kept = ["kept", "exceeded", "uncertain", "uncertain"]
-    assert [angle_compliance(d, 0.003, 0.012) for d in (0.0, -0.02, 0.011, -0.017)] == kept
+    kept = ["within", "outside", "not conclusive", "not conclusive"]
+    assert [compliance(d, 0.003, 0.012) for d in (0.0, -0.02, 0.011, -0.017)] == kept
 
 
 def test_a_turned_wall_breaks_the_limit_for_its_length() -> None:
@@ -160,7 +206,7 @@ def test_a_turned_wall_breaks_the_limit_for_its_length() -> None:
     found = wall(views)
     assert found.turn_rad is not None and found.turn_sigma_rad is not None
     assert found.turn_rad == pytest.approx(angle, abs=2 * found.turn_sigma_rad)
-    assert (found.din_18202, found.din_18202_limit_m) == ("exceeded", 0.012)
+    assert (found.din_18202, found.din_18202_limit_m) == ("outside", 0.012)
     loose = [replace(view, sigma_heading=0.01) for view in views]  # headings that could make the turn
-    assert wall(loose).din_18202 == "uncertain"
+    assert wall(loose).din_18202 == "not conclusive"
     assert wall([replace(view, sigma_heading=np.inf) for view in views]).turn_rad is None

@@ -84,6 +84,7 @@ def test_walls_of_the_copy_tell_how_they_were_built(run: Run) -> None:
     offset = [moved[f"Offset{axis}"] for axis in "XYZ"]
     np.testing.assert_allclose(offset, [*(0.15 * np.array(surfaces[0].normal)), 0.0], atol=1e-7)
     assert [moved[name] for name in ("ShareSeen", "LevelOfAccuracy", "Conclusive", "Views")] == [0.85, "LOA30", True, 7]
+    assert (moved["Coverage"], moved["Progress"], hidden["Progress"]) == (0.4, "installed", "not enough data")
     assert moved["Offset"] == pytest.approx(0.15) and moved["OffsetSigma"] == pytest.approx(0.005)
     assert moved["Turn"] == pytest.approx(0.01) and moved["Reason"] == "because"
     assert not {"Offset", "LevelOfAccuracy"} & absent.keys()

@@ -5,18 +5,20 @@ import hashlib
 import json
 import re
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import chromium
 import numpy as np
 import pytest
 from chromium import Chromium
-from report_samples import Page, anchor, not_anchored, on_two_floors, reported, with_lost_scans, without_plan
+from report_samples import Page, anchor, not_anchored, on_two_floors, reported, verdict, with_lost_scans, without_plan
 
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
+from sgslam.as_built.elements.likelihoods import judged
 from sgslam.report import ReportData
+from sgslam.report.elements import VERDICTS
 from sgslam.report.number_formats import signal_texts
 from sgslam.report.page import report_html
 from sgslam.report.plan_png import write_plan_png
@@ -134,3 +136,46 @@ def test_a_browser_runs_the_page_and_nothing_else(anchored_run: Path, tmp_path: 
             " s.textContent = 'window.broken = 1'; document.body.append(s); })()"
         )
         assert browser.evaluate("window.broken === undefined")
+
+
+@pytest.mark.skipif(chromium.COMMAND is None, reason="chromium is not installed")
+def test_the_page_judges_by_any_tolerance_as_python_does_and_keeps_it_in_its_address(
+    data: ReportData, tmp_path: Path
+) -> None:
+    assert data.a_graph is not None
+    offsets, sigmas, limits = (-0.2, -0.04, -0.03, 0.0, 0.016, 0.029, 0.05), (0.001, 0.008, 0.04), (0.03, 0.016, 0.2)
+    cases = [(offset, sigma, doubt) for offset in offsets for sigma in sigmas for doubt in (False, True)]
+    elements = []
+    for k, case in enumerate(cases):
+        told, kept = judged(*case, 0.03)
+        of = {"tolerance": kept, "doubt": case[2], "sigma_m": case[1], "storey": data.a_graph.floors[0].name}
+        elements.append(asdict(verdict(f"W{k}", told, case[0], **of)))
+    page = tmp_path / "report.html"
+    page.write_text(report_html(replace(data, elements=elements, tolerance=0.03)))
+    shown = """[...document.querySelectorAll("#elements tbody tr")].map((row) => [Number(row.dataset.id.slice(1)),
+        row.cells[4].textContent, row.cells[6].textContent]).sort((a, b) => a[0] - b[0])"""
+    outlines = "[...document.querySelectorAll('polygon[data-element=W1]')].map((own) => own.className.baseVal)"
+    counts = "[...document.querySelectorAll('[data-verdict]')].map((own) => own.innerText.split(/\\s+/, 1)[0])"
+    hidden = "document.querySelectorAll('#elements tbody tr[hidden]').length"
+    with Chromium(page, tmp_path / "profile") as browser:
+        for limit in limits:
+            browser.evaluate(
+                f"document.getElementById('tolerance').value = {1000 * limit:g};"
+                "document.getElementById('tolerance').dispatchEvent(new Event('input'))"
+            )
+            expected = [judged(*case, limit) for case in cases]
+            assert browser.evaluate(shown) == [[k, *own] for k, own in enumerate(expected)]
+            assert browser.evaluate(outlines) == [f"verdict-{expected[1][0].replace(' ', '-')}"]
+            told = [verdict for verdict, _ in expected]
+            assert browser.evaluate(counts) == [str(told.count(name)) for name in VERDICTS]
+        browser.evaluate("document.querySelector('[data-verdict=uncertain]').click()")
+        browser.evaluate("document.querySelectorAll('#elements th button')[7].click()")  # by offset
+        address, *seen = (browser.evaluate(own) for own in ("location.href", shown, hidden))
+        assert browser.complaints == []
+    assert address.endswith("#wall=200&slab=200&opening=200&verdict=uncertain&sort=Offset&order=ascending")
+    with Chromium(address, tmp_path / "another") as browser:
+        assert [browser.evaluate(own) for own in (shown, hidden)] == seen
+        assert browser.evaluate("document.querySelector('[aria-sort=ascending]').textContent") == "Offset"
+        browser.evaluate("document.querySelectorAll('.tolerance button')[1].click()")  # DIN 18202
+        assert browser.evaluate("location.hash").startswith("#wall=16&slab=16&opening=12&")
+        assert browser.evaluate(shown) == [[k, *judged(*case, 0.016)] for k, case in enumerate(cases)]
