@@ -67,13 +67,14 @@ def _parser() -> argparse.ArgumentParser:
 
 def _angles(text: str) -> tuple[float, float, float]:
     try:
-        roll, pitch, yaw = (float(part) for part in text.split(","))
-        if all(abs(angle) <= 360.0 for angle in (roll, pitch, yaw)):
-            return roll, pitch, yaw
+        angles = [float(part) for part in text.split(",")]
     except ValueError:
-        pass
-    about = "write roll,pitch,yaw in degrees, each from -360 to 360, e.g. 180,0,0"
-    raise argparse.ArgumentTypeError(f"'{text}' is not three angles; {about}")
+        angles = []
+    if len(angles) != 3 or not all(abs(angle) <= 360.0 for angle in angles):
+        about = "write roll,pitch,yaw in degrees, each from -360 to 360, e.g. 180,0,0"
+        raise argparse.ArgumentTypeError(f"'{text}' is not three angles; {about}")
+    roll, pitch, yaw = angles
+    return roll, pitch, yaw
 
 
 def main() -> int:

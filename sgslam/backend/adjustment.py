@@ -67,18 +67,18 @@ class Adjustment:
         if not without:
             self._points = list(point_factors(self._faces, self._seen, self.start, self._settings, self._weights))
         kept = np.array([self._faces.body[face] not in without for face in self._seen.face.tolist()], dtype=bool)
-        told = gtsam.NonlinearFactorGraph()
+        known = gtsam.NonlinearFactorGraph()
         for k in np.flatnonzero(kept).tolist():
-            told.add(self._points[k])
+            known.add(self._points[k])
         there = np.isin(self._walls, self._faces.wall[self._seen.face[kept]])
         walls = [wall for wall, is_there in zip(self._walls, there, strict=True) if is_there]
         priors = offset_priors(walls, self._settings.sigma_offset, self._offsets[there])
         for factor in (*priors, *self._control_factors()):
-            told.add(factor)
+            known.add(factor)
         # walls were extracted from the same points, which count once
-        known = graph_of(self._held, lambda kind, key: kind not in ("wall", "room") and not _anchors_wall(kind, key))
-        told.push_back(known)
-        whole = gtsam.NonlinearFactorGraph(told)
+        others = graph_of(self._held, lambda kind, key: kind not in ("wall", "room") and not _anchors_wall(kind, key))
+        known.push_back(others)
+        whole = gtsam.NonlinearFactorGraph(known)
         # the walls themselves make the map more rigid, and their directions upright
         whole.push_back(graph_of(self._held, lambda kind, key: kind in ("wall", "room")))
         left_out = {surface for surface, body in self._body_of.items() if body in without}
@@ -86,7 +86,7 @@ class Adjustment:
             whole.add(factor)
         # where most walls are moved the place that the walls agree on holds
         whole.add(gtsam.PriorFactorPose3(BIM, self.start.atPose3(BIM), gtsam.noiseModel.Diagonal.Sigmas(_PLACE)))
-        return told, whole
+        return known, whole
 
     def _control_factors(self) -> Iterator[gtsam.NonlinearFactor]:
         """Each point is a frame at its place in the sensor's frame, and its place in the plan is measured."""
@@ -116,7 +116,7 @@ class Adjustment:
         found = list[HeldOutWall]()
         for fold in range(_FOLDS if len(ordered) >= _FOLDS else 0):
             chosen = frozenset(ordered[fold::_FOLDS])
-            told, whole = self.graphs(chosen)
+            known, whole = self.graphs(chosen)
             start = gtsam.Values(values)
             for key in set(start.keys()) - set(whole.keyVector()):
                 start.erase(key)
@@ -124,11 +124,13 @@ class Adjustment:
             parameters.setRelativeErrorTol(1e-4)
             try:
                 optimum = gtsam.LevenbergMarquardtOptimizer(whole, start, parameters).optimize()
-                known = Uncertainty(told, optimum, None)
+                covariances = Uncertainty(known, optimum, None)
             except RuntimeError as error:
                 _log.warning("no walls are held out: %s", error)
                 return ()
-            found += [self._off_plan(*pair, optimum, known) for body in sorted(chosen) for pair in self._matched[body]]
+            found += [
+                self._off_plan(*pair, optimum, covariances) for body in sorted(chosen) for pair in self._matched[body]
+            ]
         return tuple(found)
 
     @cached_property

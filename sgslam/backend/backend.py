@@ -171,13 +171,13 @@ class Backend:
         given = self.held, self._builder, inputs, start, faces, seen, control, self._config
         adjustment, values = Adjustment(*given), start
         for _ in steps(range(_REWEIGHTED), "adjustment"):
-            told, graph = adjustment.graphs()
+            known, graph = adjustment.graphs()
             if failure := self._solve(20, graph, values):
                 _log.warning("the adjustment of %d keyframes failed: %s", len(self.keyframes), failure)
                 return ()
             assert self._optimum is not None
             values = self._optimum[1]
-            self._optimum = told, *self._optimum[1:]
+            self._optimum = known, *self._optimum[1:]
             adjustment.reweight(values)
         return adjustment.held_out(values)
 

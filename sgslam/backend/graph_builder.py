@@ -256,7 +256,7 @@ def redescending(residual: Floats) -> Floats:
 
 def robust_weights(residual: Floats) -> Floats:
     """The weights (N,) of means of points by their whitened residuals (Huber 1964): some are of a thing in front of the
-    wall, or of a glimpse through a door. They do not redescend, since a bent map makes all of them large."""
+    wall, or of a glimpse through a door. They do not redescend, since in a distorted map all of them are large."""
     return np.asarray(np.minimum(_HUBER / np.maximum(residual, _HUBER), 1.0))
 
 

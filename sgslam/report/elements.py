@@ -58,10 +58,10 @@ def element_marks(entries: Sequence[Entry], floor: Floor | None) -> list[Mark]:
         if len(entry["outline"]) < 3 or (floor is not None and entry["storey"] not in (floor.id, floor.name)):
             continue
         flat = ("flat",) if entry["ifc_class"].startswith(_SPREAD_OUT) else ()
-        told = f"{element_name(entry)} ({kind(entry['ifc_class'])})\n{entry['verdict']}\n{entry['reason']}"
+        text = f"{element_name(entry)} ({kind(entry['ifc_class'])})\n{entry['verdict']}\n{entry['reason']}"
         looks = (f"verdict-{slug(entry['verdict'])}", *flat)
         outline = np.array(entry["outline"], dtype=float)
-        marks.append(Mark(outline, told, True, looks, entry["global_id"]))
+        marks.append(Mark(outline, text, True, looks, entry["global_id"]))
     return sorted(marks, key=lambda mark: "flat" not in mark.looks)
 
 
