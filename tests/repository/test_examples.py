@@ -54,7 +54,8 @@ def test_a_graph_of_s_graphs_is_matched_and_anchored(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_scans_are_added_one_by_one_and_reading_the_graph_between_changes_nothing(tmp_path: Path) -> None:
-    drive, building = small_drive(), write_small_ifc(tmp_path / "small.ifc", (3000.0, -2000.0, 40.0), 0.5, 3.0)
+    drive = small_drive()
+    building = write_small_ifc(tmp_path / "small.ifc", site=(3000.0, -2000.0, 40.0), yaw=0.5, elevation=3.0)
     (tmp_path / "scans").mkdir()
     for k, (_, points) in enumerate(drive.scans[:220]):
         np.save(tmp_path / f"scans/{k:06d}.npy", points)

@@ -28,7 +28,7 @@ assert_type(result, Result)
 assert_type(result.T_bim_map, NDArray[np.float64] | None)
 for deviation in result.deviations:
     if deviation["kind"] == "moved":
-        assert_type(deviation["offset_m"], float)
+        assert_type(deviation["offset_m"], float | None)
 match = matcher.match(SceneGraph.load("s_graph.json"), bim.graph, floor="F0", start=(0.0, 0.0, 0.0))
 assert_type(match, MatchResult)
 assert_type(match.rooms, tuple[tuple[str, str, float], ...])
