@@ -59,7 +59,7 @@ class Commitment:
 
 
 class FloorAnchoring:
-    """Keeps the matcher's answers for floor `number` of the S-graph, and turns a unique one into anchors.
+    """Keeps the matcher's answers for floor `number` of the S-graph, and turns a sure one into anchors.
 
     `matching` holds the answers, `commitment` the one that the anchors stand on, `log` the anchors' history.
     """

@@ -157,6 +157,8 @@ def add_options(parser: argparse.ArgumentParser, *names: str, **changes: dict[st
         flag = given.pop("flag", f"--{name.replace('_', '-')}")
         if flag.startswith("-"):
             given["dest"] = name
+        if given.get("required") or not flag.startswith("-"):
+            given["help"] = given["help"].partition(" (default")[0]
         (groups[title] if is_long else parser).add_argument(flag, **given)
 
 
