@@ -57,7 +57,8 @@ class Adjustment:
         for i, sight in enumerate(control):
             start.insert(C(i), start.atPose3(X(sight.keyframe)).compose(gtsam.Pose3(gtsam.Rot3(), sight.in_sensor)))
         self._weights, self._offsets = np.ones(len(seen.face)), np.zeros(len(self._walls))
-        self._trust = np.ones(len(control))  # weights of the control points
+        # weights of the control points, from where walls and levels have them: all of them may be wrong alike
+        self._trust = redescending(self._control_off(start))
         self._points = list[gtsam.NonlinearFactor]()
 
     def graphs(
@@ -102,10 +103,14 @@ class Adjustment:
         self._offsets = np.array([values.atVector(V(wall))[0] for wall in self._walls])
         errors = np.array([factor.error(values) for factor in self._points])
         self._weights = robust_weights(np.sqrt(2 * errors / self._weights))
+        self._trust = redescending(self._control_off(values))
+
+    def _control_off(self, values: gtsam.Values) -> Floats:
+        """How far each control point is off its place, in standard deviations."""
         bim = values.atPose3(BIM)
         found = [bim.transformTo(values.atPose3(C(i)).translation()) for i in range(len(self._control))]
         off = [np.linalg.norm(at - own.place) / own.sigma for at, own in zip(found, self._control, strict=True)]
-        self._trust = redescending(np.array(off))
+        return np.array(off, dtype=float)
 
     def held_out(self, values: gtsam.Values) -> tuple[HeldOutWall, ...]:
         """How far each matched wall stands off the plan in an optimum that knows nothing of it: fifth by fifth they are

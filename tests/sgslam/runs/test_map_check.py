@@ -47,6 +47,14 @@ def test_control_points_hold_the_map_but_one_that_contradicts_and_walls_held_out
     assert any("off the plan" in text for text in run_rows(metrics).values())
 
 
+def test_control_points_that_are_all_wrong_alike_do_not_move_the_map() -> None:
+    """Their heights are those of the floor, and not of the sensor."""
+    drive, low = small_drive(), [replace(own, place=(*own.place[:2], own.place[2] - 0.8)) for own in points()]
+    result = fed(SceneGraphSlam(drive.bim, control=low), drive.scans).finish()
+    assert drive.rmse(result) < 0.01
+    assert len(result.check.control) == 5 and all(own.contradicts for own in result.check.control)
+
+
 def test_walls_held_out_of_a_bent_map_are_off() -> None:
     """The poses are given as exact, and turn by two degrees in a metre too much."""
     drive = small_drive()
